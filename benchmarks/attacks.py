@@ -280,7 +280,7 @@ def filters(rng: np.random.Generator, precision: Precision) -> Iterator[pf.Sampl
                 ]
             else:
                 poles.append(complex(-size))
-        f = pf.place_poles(poles, numerator=int(rng.integers(1, order + 1)))
+        f = pf.place_poles(poles, type=int(rng.integers(1, order + 1)))
         h = rng.uniform(0.02, 0.8) / float(np.abs(f.poles).max())
         g, f_theta = (RULES[k] for k in rng.integers(2, size=2))
         method = METHODS[int(rng.integers(2))]

@@ -24,7 +24,7 @@ import numpy as np
 import phyfilter_ctl as pf
 from phyfilter_ctl import error_bound
 from phyfilter_ctl.analysis.bounds.result import Method
-from phyfilter_ctl.design.optimal import bound_trade_off, error_floor, least_bound, variance_trade_off
+from phyfilter_ctl.design.optimal import error_floor, least_bound, least_variance
 
 FAMILIES = ("binomial", "butterworth", "bessel", "itae")
 OTHERS: tuple[Method, ...] = ("ellipsoid", "lyapunov", "lyapunov-raw")
@@ -51,7 +51,7 @@ def main() -> int:
                     filter = pf.lowpass(order, cutoff, family=family)
                     k = 1
                     if kernel == "1/D":
-                        filter, k = pf.place_poles(filter.poles, numerator=order), order
+                        filter, k = pf.place_poles(filter.poles, type=order), order
                     begun = time.perf_counter()
                     exact = error_bound(filter, {k: 1.0})
                     times.append(1e3 * (time.perf_counter() - begun))
@@ -72,13 +72,19 @@ def main() -> int:
     print(f"exact bound: {np.median(times):.2f} ms (median), {np.max(times):.2f} ms (longest)")
     missed += least_bounds(4 if quick else 6, timed=not quick)
     begun = time.perf_counter()
-    curve = bound_trade_off(3, residual={1: 8.0}, noise=0.01)
+    best = least_bound(3, residual={1: 8.0}, noise=0.01).filter
+    speeds, bounds = np.geomspace(0.1, 10.0, 100), pf.Bounded({1: 8.0}, noise=0.01)
+    pf.trade_off(best.faster, speeds, cost=lambda filter: error_bound(filter, bounds))
     seconds = [time.perf_counter() - begun]
     begun = time.perf_counter()
-    variance_trade_off(3, residual=pf.gauss_markov(1.0, 0.5), noise=0.01, dt=0.01)
+    process = pf.gauss_markov(1.0, 0.5)
+    best = least_variance(3, residual=process, noise=0.01, dt=0.01).filter
+    random = pf.Gaussian(process, noise=0.01)
+    pf.trade_off(best.faster, speeds, cost=lambda filter: pf.error_variance(filter.sampled(0.01), random))
     seconds.append(time.perf_counter() - begun)
-    count = len(curve.filters)
-    print(f"curves of {count} designs, n = 3: {seconds[0]:.2f} s (bounds), {seconds[1]:.2f} s (variances)")
+    print(
+        f"curves of {len(speeds)} designs, n = 3: {seconds[0]:.2f} s (bounds), {seconds[1]:.2f} s (variances)"
+    )
     if not quick and max(seconds) > SECONDS:
         missed.append("a trade-off curve takes too long")
     if not quick and np.median(times) > MILLISECONDS:

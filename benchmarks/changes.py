@@ -1,4 +1,4 @@
-"""A payload that drops, a motor that weakens, noticed: false alarms of the test behind `detect_changes`, and how soon.
+"""A payload that drops, a motor that weakens, noticed: false alarms of `Separation.changes`, and how soon.
 
     python benchmarks/changes.py [--hours 10] [--flights 100] [--quick]
 

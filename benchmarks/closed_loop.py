@@ -27,7 +27,8 @@ import numpy as np
 
 from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.blocks import phyfilter_block, sampled_block
-from phyfilter_ctl.codegen import CompilerError, compile_sources, find_compiler
+from phyfilter_ctl.codegen import CompilerError, find_compiler
+from phyfilter_ctl.codegen.compiler import compile_sources
 from phyfilter_ctl.diagram import FlatModel, flatten
 from phyfilter_ctl.simulation import simulate
 

@@ -31,7 +31,7 @@ import numpy as np
 from fmpy import extract, read_model_description, simulate_fmu
 from tqdm import tqdm
 
-from phyfilter_ctl.fmi import cosimulate, export_fmu
+from phyfilter_ctl.fmi import Fmu, Master, System, cosimulate, export_fmu
 from phyfilter_ctl.fmi.cosimulation_run import Run
 
 STEP = 0.002
@@ -83,19 +83,18 @@ class Case:
 
 
 def ours(case: Case, steps: int, *, isolated: bool = False) -> Answer:
-    parts: dict[str, Path | ct.InputOutputSystem] = {f"part{k}": case.path for k in range(case.fmus)}
+    fmu = Fmu(case.path, isolated=isolated)
+    parts: dict[str, Fmu | ct.InputOutputSystem] = {f"part{k}": fmu for k in range(case.fmus)}
     if case.among is not None:
         parts[f"part{case.fmus}"] = case.among
     clock = time.perf_counter if isolated else time.process_time
     began = clock()
     response = cosimulate(
-        parts,
-        case.wires,
-        timepts=[0.0, steps * STEP],
-        step=STEP,
+        System(parts, case.wires),
+        [0.0, steps * STEP],
         inputs={"part0.r": [0.0, 1.0]},
         outputs=[f"part{len(parts) - 1}.y"],
-        isolated=isolated,
+        master=Master(STEP),
     )
     took = clock() - began
     assert response.success, response.message

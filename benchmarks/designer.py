@@ -20,9 +20,10 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from phyfilter_ctl.app import Session, answers, handle
+from phyfilter_ctl.app import answers
 from phyfilter_ctl.app.checking import Fields
 from phyfilter_ctl.app.designs import Design, read_design
+from phyfilter_ctl.app.handling import Session, handle
 from phyfilter_ctl.app.loops import assumed_loop
 from phyfilter_ctl.app.steps import settling_time
 

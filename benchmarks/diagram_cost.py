@@ -264,7 +264,9 @@ def batch(runs: int) -> None:
     pf.simulate_batch(flat, t, 0.0, starts[:2], backend="c")
     times = {
         workers: least(
-            lambda w=workers: pf.simulate_batch(flat, t, 0.0, starts, backend="c", workers=w), 2, time.perf_counter
+            lambda w=workers: pf.simulate_batch(flat, t, 0.0, starts, backend="c", limits={"workers": w}),
+            2,
+            time.perf_counter,
         )
         for workers in (1, 2)
     }  # fmt: skip

@@ -49,11 +49,11 @@ def table(seeds: Sequence[int], title: str, **options: object) -> None:
         )
         for name, values in errors.items():
             middle = median_interval(values)
-            own = f"{middle.median:6.2f} [{middle.low:5.2f}, {middle.high:5.2f}]"
+            own = f"{middle.value:6.2f} [{middle.low:5.2f}, {middle.high:5.2f}]"
             versus = ""
             if name not in (OURS, TOLD):
                 less = reduction(errors[OURS], values)
-                versus = f"{less.median:6.1f} [{less.low:5.1f}, {less.high:5.1f}]"
+                versus = f"{less.value:6.1f} [{less.low:5.1f}, {less.high:5.1f}]"
             rank = ""
             if name in fair:
                 row = ranks[fair.index(name)]

@@ -23,7 +23,7 @@ import numpy as np
 from cortex import BOARDS, INSTRUCTIONS_PER_TICK, build, missing, run, versions
 
 from phyfilter_ctl import PhyFilter, SampledPhyFilter, export_c, plant, sampled_block
-from phyfilter_ctl.codegen import FilterSource, filter_source
+from phyfilter_ctl.codegen.filter_code import FilterSource, filter_source
 
 BOARD = BOARDS["m7"]
 STEPS = 999

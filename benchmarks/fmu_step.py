@@ -23,7 +23,9 @@ from fmpy import read_model_description
 from tqdm import tqdm
 
 from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.codegen import CompilerError, compile_sources
+from phyfilter_ctl.codegen import CompilerError
+from phyfilter_ctl.codegen.compiler import compile_sources
+from phyfilter_ctl.fmi import FmuPorts
 from phyfilter_ctl.fmi.build import native_platform
 from phyfilter_ctl.fmi.export import export_fmu
 from phyfilter_ctl.fmi.glue import fmi_headers
@@ -90,10 +92,12 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         host = compile_host(folder)
-        export_fmu(sampled, folder / "warm.fmu", channels=CHANNELS)
+        export_fmu(sampled, folder / "warm.fmu", ports=FmuPorts(channels=CHANNELS))
         for fmi in tqdm(versions, desc=f"{steps:,} steps, {repetitions} times", disable=None):
             begin = time.perf_counter()
-            path = export_fmu(sampled, folder / f"fmi{fmi[0]}.fmu", channels=CHANNELS, fmi=fmi, name="bench")
+            path = export_fmu(
+                sampled, folder / f"fmi{fmi[0]}.fmu", fmi=fmi, name="bench", ports=FmuPorts(channels=CHANNELS)
+            )
             seconds = time.perf_counter() - begin
             fmu, loop, difference = measure(host, path, fmi, steps, repetitions)
             rows.append({"fmi": fmi, "fmu_ns": fmu, "loop_ns": loop, "difference": difference,

@@ -38,7 +38,7 @@ import numpy as np
 from tqdm import tqdm
 
 from phyfilter_ctl.cli import main as command
-from phyfilter_ctl.fmi import CheckReport, check, describe
+from phyfilter_ctl.fmi import CheckReport, Fmu, check, describe
 from phyfilter_ctl.fmi.platforms import native_platform
 from phyfilter_ctl.fmi.signals import is_numeric
 
@@ -168,7 +168,7 @@ def verdict(found: CheckReport) -> str:
 
 def examined(path: Path, kind: str, records: str, *, isolated: bool) -> Iterator[dict[str, str]]:
     """Check, run, and comparison of one kind of one FMU, as they come."""
-    yield {"check": verdict(check(path, isolated=isolated))}
+    yield {"check": verdict(check(Fmu(path, isolated=isolated)))}
     if kind == "-":
         yield {"run": "neither kind"}
         return

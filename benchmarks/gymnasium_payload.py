@@ -105,7 +105,7 @@ def main() -> int:
             returns = {way: [episode(seed, payload, way, start) for seed in seeds] for way in WAYS}
             costs = {way: -np.array(values) for way, values in returns.items()}
             gains = {way: reduction(costs[way], costs["plain"]) for way in WAYS[1:]}
-            medians = "".join(f"{median_interval(returns[way]).median:9.3f}" for way in WAYS)
+            medians = "".join(f"{median_interval(returns[way]).value:9.3f}" for way in WAYS)
             text = ", ".join(f"{way} {gain.text(1.0, 1)}" for way, gain in gains.items())
             print(f"{name:>14} {payload:5.1f} kg {medians}   {text}")
             rows.append({"start": name, "payload": payload, "returns": returns})

@@ -35,10 +35,20 @@ from pathlib import Path
 import control as ct
 from tqdm import tqdm
 
-from phyfilter_ctl.fmi import FmuError, Isolation, check, describe, export_fmu, import_fmu, write_ssp
+from phyfilter_ctl.fmi import (
+    Fmu,
+    FmuError,
+    Isolation,
+    System,
+    check,
+    describe,
+    export_fmu,
+    import_fmu,
+    read_ssp,
+    write_ssp,
+)
 from phyfilter_ctl.fmi.archive import unpack
 from phyfilter_ctl.fmi.cosimulation_wiring import Wire
-from phyfilter_ctl.fmi.ssp_read import opened_ssp
 
 MOST_SECONDS, MOST_BYTES = 5.0, 1 << 30
 LIMIT = Isolation(call_limit=2.0, run_limit=4.0)
@@ -197,8 +207,7 @@ def opened(path: Path, folder: Path) -> str:
         package = False
     try:
         if package:
-            with opened_ssp(path) as system:
-                str(system)
+            str(read_ssp(path))
         else:
             report = check(path, run=False)
             str(report)
@@ -279,7 +288,7 @@ def binaries(base: bytes, seeds: range, broken: list[str]) -> tuple[Counter[str]
                     target.writestr(info, data)
             began = time.perf_counter()
             try:
-                block = import_fmu(path, kind="cs", step=0.01, isolated=LIMIT)
+                block = import_fmu(Fmu(path, isolated=LIMIT), kind="cs", step=0.01)
                 for _ in range(5):
                     block.step([1.0] * (block.ninputs or 0))  # pyright: ignore[reportAttributeAccessIssue]
                 block.close()
@@ -310,7 +319,9 @@ def main() -> int:
         ]
         whole = paths[1].read_bytes()
         wires = [Wire("second.u", "first.y")]
-        paths.append(write_ssp(Path(folder, "lags.ssp"), {"first": paths[0], "second": paths[1]}, wires))
+        paths.append(
+            write_ssp(System({"first": paths[0], "second": paths[1]}, wires), Path(folder, "lags.ssp"))
+        )
         bases = [short(path.read_bytes()) for path in paths]
     broken: list[str] = []
     table = {

@@ -33,6 +33,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from scipy.signal import lfilter
 
+from phyfilter_ctl import Reading
 from phyfilter_ctl.design.learning import LearnResult, learn
 from phyfilter_ctl.logfiles import read_recording
 from phyfilter_ctl.study import Executor
@@ -188,12 +189,18 @@ def run(folder: Path, flights: int, megabytes: float, workers: int, alone: bool)
             return list(executor.map(size_of, files))
 
     row("reading", read)
-    plain: dict[str, Any] = {"form": "general", "read": READ}
-    bare = {**plain, "wiener": False, "cross_validate": False, "intervals": False}
-    first = row("learn, order 2: the filter and its RMSE", lambda: learn(folder, 2, **bare, workers=workers))
-    full = row(
-        "  with Wiener filter, folds and intervals", lambda: learn(folder, 2, **plain, workers=workers)
-    )
+
+    def bare(by: Any) -> LearnResult:
+        return learn(folder, 2, shape="general", reading=Reading(READ, workers=by))
+
+    def more() -> LearnResult:
+        result = bare(workers)
+        assert result.wiener is not None
+        assert result.intervals is not None
+        return result
+
+    first = row("learn, order 2: the filter and its RMSE", lambda: bare(workers))
+    full = row("  with Wiener filter, folds and intervals", more)
     print(f"  {first.filter!r}, RMSE {first.rmse:.4g}, {full.wiener_ratio:.4f} of the Wiener filter's")
     good &= max(most) < MOST_MEMORY
     if not alone:
@@ -201,14 +208,14 @@ def run(folder: Path, flights: int, megabytes: float, workers: int, alone: bool)
             with cluster(count) as (address, _):
                 begin = time.perf_counter()
                 name = f"Dask, {count} worker{'s' * (count > 1)}"
-                found = row(name, lambda at=address: learn(folder, 2, **bare, scheduler=at), first)
+                found = row(name, lambda at=address: bare(at), first)
                 seconds = time.perf_counter() - begin
             good &= difference(first, found) < SAME
         with cluster(2) as (address, processes):
             killer = threading.Timer(0.4 * seconds, os.kill, (processes[0], signal.SIGKILL))
             killer.start()
             name = f"Dask, one of two killed after {0.4 * seconds:.0f} s"
-            found = row(name, lambda: learn(folder, 2, **bare, scheduler=address), first)
+            found = row(name, lambda: bare(address), first)
             killer.join()
         good &= difference(first, found) < SAME
     return 0 if good else 1

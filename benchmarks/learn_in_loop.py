@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from phyfilter_ctl import Loop, LoopGoal, Recording, SampledPhyFilter, learn, models
+from phyfilter_ctl import Loop, LoopGoal, Recording, SampledPhyFilter, Search, learn, models
 from phyfilter_ctl.analysis import frequency_response
 from phyfilter_ctl.design.learning import LearnResult, MarginsLike
 from phyfilter_ctl.diagram import flatten
@@ -167,7 +167,7 @@ def drone_loop() -> tuple[LoopGoal, float, Callable[[SampledPhyFilter], bool]]:
             max_step=params().sampling.max_step,
             backend="vm",
         )
-        height = np.asarray(flight.outputs)[[v.name for v in flat.outputs].index("r[2]")]
+        height = np.asarray(flight.outputs["r[2]"])
         if not np.abs(height - height[0]).max() < 0.005:
             return False
         swing = np.abs(np.diff(height, 2))
@@ -231,12 +231,9 @@ def learned(logs: Recording | Sequence[Recording], n: int, form: str, loop: Loop
         return learn(
             logs,
             n,
-            form="general" if form == "general" else "lowpass",
             loop=loop,
-            starts=2,
-            wiener=False,
-            cross_validate=False,
-            intervals=False,
+            shape="general" if form == "general" else "lowpass",
+            search=Search(starts=2, cross_validate=False),
         )
 
 

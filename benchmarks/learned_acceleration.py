@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from phyfilter_ctl import PhyFilter, Recording, models, split_by_speed
+from phyfilter_ctl import PhyFilter, Recording, models, split
 from phyfilter_ctl.design.learning import learn
 
 ORDERS = (1, 2, 3)
@@ -43,7 +43,7 @@ def main() -> int:
         print(f"not evaluated: expected at least 4 CSV files in {folder or 'FOLDER'}, found {len(paths)}")
         return 0
     points = 40 if options.quick else options.points
-    slower, faster = split_by_speed([Recording.read(path) for path in paths])
+    slower, faster = split([Recording.read(path) for path in paths])
     holds = compare("f_theta = 0, slower half of all flights", slower, faster, points)
     training, rest, test = with_network(slower, faster, 20 if options.quick else 100)
     holds &= compare(f"f_theta a network of the {training} slowest flights, on the next", rest, test, points)
@@ -56,7 +56,7 @@ def with_network(
 ) -> tuple[int, list[Recording], list[Recording]]:
     """Flights the network learned from (their number), and the others with its estimate."""
     room = importlib.import_module(f"{models.__name__}.acceleration.differentiator")
-    slowest, rest = split_by_speed(slower)
+    slowest, rest = split(slower)
     stride = room.stride_of(SPAN, slower[0].dt)
     network = room.train(slowest, stride=stride, seed=0, iterations=iterations)
     estimated = [
@@ -82,7 +82,7 @@ def compare(title: str, train: Sequence[Recording], test: Sequence[Recording], p
         )
         for form in ("lowpass", "general"):
             begun = time.perf_counter()
-            result = learn(train, n, form=form, wiener=False)
+            result = learn(train, n, shape=form)
             took = time.perf_counter() - begun
             trained, score = rmse(result.filter, train), rmse(result.filter, test)
             holds &= trained <= (1.0 + ROUNDING) * best

@@ -32,6 +32,7 @@ from phyfilter_ctl.design.learning.parametrisation import chain_of
 from phyfilter_ctl.design.learning.residuals import flights_of
 from phyfilter_ctl.design.learning.samples import Samples
 from phyfilter_ctl.design.learning.sensitivity import Data, coefficient_gradient, evaluate
+from phyfilter_ctl.design.learning.shape import FREE
 
 Array = NDArray[np.float64]
 H = 0.002
@@ -152,11 +153,11 @@ def gradients(log: Recording, quick: bool) -> bool:
     euler = Correlations.of(whole, "euler")
 
     def step(data: Data) -> Callable[[], object]:
-        return lambda: evaluate(data, chain_of(FILTER.poles), "general")
+        return lambda: evaluate(data, chain_of(FILTER.poles), FREE)
 
     def from_log() -> object:
         (fresh,) = flights_of([log])
-        return evaluate(Correlations.of([Stretch(fresh, 0, m, 1.0)], "exact"), chain, "general")
+        return evaluate(Correlations.of([Stretch(fresh, 0, m, 1.0)], "exact"), chain, FREE)
 
     runs = 5 if quick else 20
     ours = {
@@ -200,9 +201,9 @@ def complete(log: Recording, quick: bool) -> bool:
     )
     late = False
     for form in ("lowpass", "general"):
-        seconds = best_time(lambda form=form: learn(log, 3, form=form, wiener=False), 3)
+        seconds = best_time(lambda form=form: learn(log, 3, shape=form), 3)
         begin = time.perf_counter()
-        result = learn(log, 3, form=form)
+        result = learn(log, 3, shape=form)
         both = time.perf_counter() - begin
         assert result.wiener is not None
         low, high = result.wiener.interval
@@ -222,7 +223,7 @@ def scaling(largest: int) -> None:
         log = flight(samples, 1)
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         begin = time.perf_counter()
-        learn(log, 3, form="general", wiener=False)
+        learn(log, 3, shape="general")
         seconds = time.perf_counter() - begin
         grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
         print(

@@ -37,7 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from phyfilter_ctl import PhyFilter, Recording, learned_model, models
+from phyfilter_ctl import PhyFilter, Recording, Sampling, learned_model, models
 from phyfilter_ctl.baselines import DisturbanceObserver, Evolver, FeedbackNeuralNetwork, SeerII
 from phyfilter_ctl.design import OnlineRefiner, learn, learn_jointly, refine
 from phyfilter_ctl.learned import (
@@ -216,7 +216,7 @@ def network() -> Estimator:
     given = training("wind")
     model = Network((12,), seed=0).fit(*labelled(given)).model
     told = [flight.log.with_signals(f_theta=model.predict(flight.r)) for flight in given]
-    filter = learn(told, 1, wiener=False, g="average").filter
+    filter = learn(told, 1, sampling=Sampling(g="average")).filter
     return behind(lambda _: filter, lambda flight: model.predict(flight.r))
 
 

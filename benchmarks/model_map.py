@@ -31,7 +31,8 @@ from numpy.typing import NDArray
 import phyfilter_ctl as pf
 from phyfilter_ctl import models
 from phyfilter_ctl.plots import COLOURS, dress, letter_panels
-from phyfilter_ctl.study import Interval, reduction
+from phyfilter_ctl.results import Interval
+from phyfilter_ctl.study import reduction
 
 Array = NDArray[np.float64]
 CHUNK = 20  # flights at a time
@@ -186,7 +187,7 @@ def arm(rate: float, wind: float, seeds: Sequence[int], seconds: float) -> Cell:
 def horizontal(signals: dict[str, Array], method: Any) -> list[Estimated]:
     """Force and torque of the arm, by their answers in x and y: a torque tilts the thrust, which carries the weight."""
     vehicle = part("aerial_manipulator", "vehicle")
-    mass, inertia = vehicle.nominal_mass(), vehicle.nominal_inertia()
+    mass, inertia = vehicle.nominal().mass, np.array(vehicle.nominal().J)
     gravity = part("aerial_manipulator", "params").params().vehicle.gravity
     kp, kd = (method.gains[name][0] for name in ("kp", "kd"))
     moved = ct.TransferFunction([1.0], [1.0, kd, kp])
@@ -209,7 +210,7 @@ SYSTEMS = {
 
 def said(found: Interval) -> str:
     sure = "" if found.low > 0.0 or found.high < 0.0 else "  0"
-    return f"{found.median:7.1f} [{found.low:6.1f}, {found.high:6.1f}]{sure:3}"
+    return f"{found.value:7.1f} [{found.low:6.1f}, {found.high:6.1f}]{sure:3}"
 
 
 def draw(cells: dict[str, list[Cell]], path: Path) -> None:
@@ -227,7 +228,7 @@ def draw(cells: dict[str, list[Cell]], path: Path) -> None:
             ax.fill_between(
                 speeds, [c.tuned.low for c in row], [c.tuned.high for c in row], color=colour, alpha=0.2, lw=0
             )
-            ax.plot(speeds, [c.tuned.median for c in row], "o-", color=colour, ms=3, label=f"wind {wind:g}")
+            ax.plot(speeds, [c.tuned.value for c in row], "o-", color=colour, ms=3, label=f"wind {wind:g}")
         ax.axhline(0.0, color="0.3", lw=0.8)
         ax.set_xlabel(f"Speed [{SYSTEMS[name][1]}]")
         ax.set_ylabel("Reduction of the error by the model [%]")

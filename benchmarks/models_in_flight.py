@@ -296,11 +296,11 @@ def main() -> int:
             fell += int(np.sum(~np.isfinite(rms))) + (bound == "edge" and not options.quick)
             observed = rms if method == "observer" else observed
             middle = median_interval(rms)
-            text = f"{middle.median:7.2f} [{middle.low:6.2f}, {middle.high:6.2f}]"
+            text = f"{middle.value:7.2f} [{middle.low:6.2f}, {middle.high:6.2f}]"
             versus = ""
             if method not in ("PD", "observer"):
                 gain = reduction(rms, observed)
-                versus = f"{gain.median:7.1f} [{gain.low:6.1f}, {gain.high:6.1f}]"
+                versus = f"{gain.value:7.1f} [{gain.low:6.1f}, {gain.high:6.1f}]"
             speed = "" if fixed else f"{a0:.3g}"
             print(f"  {method:15} {speed:>6} {bound:5} {text:>24}   {versus:>24}", flush=True)
     return int(fell > 0)

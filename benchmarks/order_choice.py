@@ -23,7 +23,7 @@ import numpy as np
 from recorded_estimate import flight
 from scipy.signal import lfilter
 
-from phyfilter_ctl import Recording, split_by_speed
+from phyfilter_ctl import Recording, Search, Shape, split
 from phyfilter_ctl.design.learning import LearnResult, learn
 
 # Fastest pole over the sampling rate that the sum of n decay rates allows, n times.
@@ -76,7 +76,7 @@ def row(train: Sequence[Recording], test: Sequence[Recording], N: int, below: np
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "flights disagree")
         result = learn(
-            train, range(1, N + 1), form="general", starts=starts, wiener=False, cross_validate=True
+            train, range(1, N + 1), shape="general", search=Search(starts=starts, cross_validate=True)
         )
     took = time.perf_counter() - begun
     poles, scores = result.filter.poles(), squares(result, test)
@@ -115,7 +115,7 @@ def main() -> int:
     if options.quick:
         numbers, orders, starts = [1], 3, 0
     logs = [flight(path) for path in paths] or generated(4 if options.quick else 16)
-    slower, faster = split_by_speed(logs)
+    slower, faster = split(logs)
     good = True
     for count in numbers:
         train, test = slower[:count], [*slower[count:], *faster]
@@ -131,12 +131,8 @@ def main() -> int:
         free = learn(
             train,
             orders,
-            form="general",
-            dc_gain=None,
-            starts=starts,
-            wiener=False,
-            cross_validate=False,
-            intervals=False,
+            shape=Shape("general", dc_gain=None),
+            search=Search(starts=starts, cross_validate=False),
         )
         print(
             f"F(0) free, order {orders} asked for, no folds: F(0) = {free.filter.dc_gain:.3g}, {free.message}"

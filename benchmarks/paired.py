@@ -74,7 +74,7 @@ def work() -> dict[str, Callable[[], object]]:
         "ultimate bound, sampled": lambda: pf.error_bound(fresh().sampled(0.002), {1: 3.0}),
         "prior margin": lambda: pf.margins(fresh(), pf.Loop(actuator=lag)),
         "frequency response": lambda: pf.frequency_response(fresh(), omega),
-        "learn, n = 2": lambda: pf.learn(log, 2, wiener=False),
+        "learn, n = 2": lambda: pf.learn(log, 2),
         "flatten": lambda: pf.flatten(loop),
         "simulate, 20 s": lambda: pf.simulate(flat, t, inputs),
     }

@@ -28,7 +28,8 @@ from numpy.typing import NDArray
 
 from phyfilter_ctl import models
 from phyfilter_ctl.design.learning import learn
-from phyfilter_ctl.recording import Recording, split_by_speed
+from phyfilter_ctl.recording import Recording
+from phyfilter_ctl.recording import split as split_recordings
 
 FLOOR = 64
 LONGEST_STEP, CORRELATION = 3.01, 0.9
@@ -42,7 +43,7 @@ experiment, linear, scores, tuning = (
 def halves(logs: Sequence[Recording], split: int) -> tuple[list[Recording], list[Recording]]:
     """Training and test flights: by speed for split 0, else at random."""
     if split == 0:
-        slower, faster = split_by_speed(logs)
+        slower, faster = split_recordings(logs)
         return list(slower), list(faster)
     order = np.random.default_rng(split).permutation(len(logs))
     return [logs[i] for i in order[: len(logs) // 2]], [logs[i] for i in order[len(logs) // 2 :]]
@@ -88,7 +89,7 @@ def limits(
     print(f"FIR: {taps} taps; 16 have {fir_rmse(train, test, 16):.4f}")
     print(f"FIR of {FLOOR} taps fitted to the test flights: {fir_rmse(test, test, FLOOR):.4f}")
     bare = [log.with_signals(f_theta=None) for log in train]
-    floor = learn(bare, order, form="general", intervals=False).wiener
+    floor = learn(bare, order, shape="general").wiener
     assert floor is not None
     low, high = floor.interval
     print(

@@ -20,6 +20,7 @@ import numpy as np
 
 import phyfilter_ctl as pf
 from phyfilter_ctl import models
+from phyfilter_ctl.baselines import compare
 
 SPAN = np.geomspace(0.1, 10.0, 61)
 APART = 0.08  # s between the positions
@@ -114,7 +115,7 @@ def main() -> int:
         print(f"  {note}")
     if options.compare:
         for what in (logs, [log.with_signals(label=None) for log in logs]):
-            others = pf.compare_estimators(what, max_evaluations=30)
+            others = compare(what, max_evaluations=30)
             print(f"against {others.against}: {others.verdict}")
             for name, value in others.rmse.items():
                 print(f"  {name[:50]:<52}{value:>9.4f}  {others.tuned[name]}")

@@ -113,7 +113,7 @@ def platform(points: int) -> None:
         configuration_hull(inertia(load), low, high, points=points) for load in (0.0, values.mission.payload)
     ]
     vehicle = _of("aerial_manipulator", "vehicle")
-    M_hat = np.array([*[vehicle.nominal_mass()] * 3, *vehicle.nominal_inertia()])
+    M_hat = np.array([*[vehicle.nominal().mass] * 3, *vehicle.nominal().J])
     margin = pf.margins(pf.PhyFilter([1.0]))
     sure = points >= _ENOUGH
     found = [

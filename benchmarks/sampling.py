@@ -26,7 +26,7 @@ from phyfilter_ctl.plots import COLOURS, PAGE, dress, letter_panels
 POLE, FREQUENCY = 20.0, 6.0
 FILTERS = {
     f"n = 3, 1 - F({FREQUENCY:g}j) = 0": pf.place_poles([-POLE] * 3, zeros_at=[FREQUENCY]),
-    "n = 2, type 2": pf.place_poles([-POLE] * 2, numerator=2),
+    "n = 2, type 2": pf.place_poles([-POLE] * 2, type=2),
 }
 METHODS: tuple[Method, ...] = ("exact", "matched", "tustin")
 STEPS = (0.001, 0.002, 0.005, 0.01, 0.018, 0.025, 0.035, 0.05)

@@ -27,7 +27,7 @@ H, LIMIT, KP, KD, END = 0.002, 5.0, 10.0, 6.0, 40.0
 FILTERS = {
     "order 1, 20 rad/s": pf.PhyFilter([20.0]),
     "order 2, Butterworth, 20 rad/s": pf.lowpass(2, 20.0, family="butterworth"),
-    "order 2, type 2, 20 rad/s": pf.place_poles([-20.0] * 2, numerator=2),
+    "order 2, type 2, 20 rad/s": pf.place_poles([-20.0] * 2, type=2),
 }
 FLIGHTS: dict[str, tuple[float, Callable[[float], float]]] = {
     "gust of 8 N for 2 s": (0.0, lambda t: 8.0 * (1.0 <= t < 3.0)),

@@ -159,7 +159,7 @@ def evaluated(kind: Kind, seed: int, *, others: bool) -> Row:
     known = None
     if kind.given:
         shape = covariance(kind)
-        known = pf.known_noise(covariance=kind.noise**2 * shape / shape[0])
+        known = pf.Noise.known(covariance=kind.noise**2 * shape / shape[0])
     made = partial(sampled, kind, logs)
     found = pf.estimate(bare, made(2, 20.0), noise=known)
     chosen = found.suggestion

@@ -5,6 +5,7 @@ The site's build does so too. What stands in `docs/drawn` is committed, so that 
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -191,6 +192,11 @@ def _model(name: str) -> pf.Drawing:
     return pf.draw(models.load(name).build())
 
 
+def _everyday(name: str) -> pf.Drawing:
+    loop = importlib.import_module(f"phyfilter_ctl.models.everyday.{name}").loop()
+    return pf.draw(loop, below=["filter", *(["model"] if name == "two_link_arm" else [])])
+
+
 DRAWINGS: dict[str, Callable[[], pf.Drawing]] = {
     "loop": lambda: pf.draw(pf.lowpass(2, 20.0, family="butterworth")),
     "pi_loop": pi_loop,
@@ -203,6 +209,11 @@ DRAWINGS: dict[str, Callable[[], pf.Drawing]] = {
     "aerial_manipulator": partial(_model, "aerial_manipulator"),
     "quadruped": quadruped,
     "humanoid": humanoid,
+    "dc_motor": partial(_everyday, "dc_motor"),
+    "pendulum": partial(_everyday, "pendulum"),
+    "two_link_arm": partial(_everyday, "two_link_arm"),
+    "differential_drive": partial(_everyday, "differential_drive"),
+    "vertical_axis": partial(_everyday, "vertical_axis"),
 }
 
 

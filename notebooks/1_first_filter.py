@@ -37,7 +37,7 @@ plt.rc("axes", prop_cycle=plt.cycler(color=COLOURS))
 
 # %%
 lowpass = pf.place_poles([-12.0, -12.0])
-type2 = pf.place_poles([-12.0, -12.0], numerator=2)
+type2 = pf.place_poles([-12.0, -12.0], type=2)
 print(type2.describe())
 display(lowpass, type2)
 
@@ -153,10 +153,7 @@ pf.save(path, sampled)
 print(path.read_text())
 kept = pf.load(path)
 
-# %% [markdown]
-# The figures this notebook stands for:
-
-# %%
+# %% tags=["remove-cell"]
 assert kept == sampled
 assert rmse(estimates["low-pass"]) < 0.35 * rmse(estimates["model alone"])
 assert rmse(estimates["type 2"]) < 0.25 * rmse(estimates["model alone"])

@@ -63,7 +63,7 @@ print(log)
 # One call: no start, no learning rate. The orders below are learned on the way and warm-start the next.
 
 # %%
-result = pf.learn(log, 3, form="general", held_out=kept_back)
+result = pf.learn(log, 3, held_out=kept_back, shape="general")
 print(result.filter.describe())
 print()
 print(f"{result.status}: {result.message}")
@@ -108,7 +108,7 @@ table = {}
 print(f"{'':20}{'learned from':>14}{'kept back':>11}{'to the floor':>14}")
 for form in ("lowpass", "general"):
     for order in (1, 2, 3, 4):
-        row = table[form, order] = pf.learn(log, order, form=form, held_out=kept_back)
+        row = table[form, order] = pf.learn(log, order, held_out=kept_back, shape=form)
         print(
             f"{form:12}n = {order:<4}{row.rmse:>14.4f}{row.held_out_rmse:>11.4f}{row.wiener_ratio:>14.3f}"
             f"   {row.status}" + (f", order {row.order_used}" if row.order_used < order else "")
@@ -156,10 +156,8 @@ again = pf.load(path)
 # %% [markdown]
 # The command line does all of this on CSV files: `phyfilter-ctl learn LOG.csv --order 1 2 3 --out filter.toml
 # --picture learned.png`.
-#
-# The figures this notebook stands for:
 
-# %%
+# %% tags=["remove-cell"]
 assert again == sampled
 assert abs(rmse(result.filter, log) - result.rmse) < 1e-9 * result.rmse  # the filter, run
 costs = [table["general", order].rmse for order in (1, 2, 3, 4)]

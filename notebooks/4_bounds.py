@@ -100,7 +100,8 @@ print(inner.describe(), complete.describe(), sep="\n\n")
 # %%
 best = optimal.least_bound(4, residual={1: 8.0}, noise=0.01)
 print(best.message, best.filter.poles.round(2), f"bound {best.bound.bound:.4f}")
-_ = optimal.bound_trade_off(2, residual={1: 8.0}, noise=0.01).plot()
+bounds = pf.Bounded({1: 8.0}, noise=0.01)
+_ = pf.trade_off(best.filter.faster, np.geomspace(0.1, 10), cost=lambda f: pf.error_bound(f, bounds)).plot()
 
 # %% [markdown]
 # For random residuals the variance takes the bound's place, and the Kalman filter shows what no filter can beat. It
@@ -113,10 +114,7 @@ kalman = optimal.kalman_filter(residual=process, noise=0.001)
 print(f"low-pass form: {found.ratio:.3f} times the Kalman filter's variance")
 print(kalman)
 
-# %% [markdown]
-# The figures this notebook stands for:
-
-# %%
+# %% tags=["remove-cell"]
 assert 0.999 * result.bound < np.abs(error).max() <= result.bound * (1 + 1e-9)
 assert np.isinf([limits[1], limits[2]]).all()
 assert np.allclose([limits[3], limits[4]], [9.0, 5.0], rtol=1e-6)

@@ -6,15 +6,15 @@ training data. PhyFilter passes the learning residual through a designed filter 
 
 ==============  =======================================================================================
 choose F        :func:`place_poles`, :func:`lowpass`, :func:`bandpass`, :class:`PhyFilter`
-learn F         :func:`learn`, :func:`learn_axes`, :func:`learn_jointly`; :mod:`phyfilter_ctl.design` the paper's way
-what it missed  :func:`estimate`: the force in recordings, which filter shows it; :func:`compare_estimators`,
-                :func:`smooth_label`, :func:`measurement_noise`, :func:`known_noise`; :func:`model_value`: whether the
-                learned model pays
+learn F         :func:`learn`, :func:`learn_jointly`; :mod:`phyfilter_ctl.design` the paper's way
+what it missed  :func:`estimate`: the force in recordings, which filter shows it;
+                :func:`smooth_label`; its noise where it is known: :class:`Noise`; :func:`model_value`: whether the
+                learned model is worth it
 what of it      :func:`separate`: payload, wind, drag, a model's scale, or only their sum
 understand it   :func:`frequency_response`, :func:`error_bound`, :func:`error_variance`, :func:`margins`,
                 :func:`inertia_tolerance`, :func:`saturation_margin`, :func:`largest_bandwidth`, :func:`tracking_error`,
                 :func:`analyze`, :func:`between`; what surrounds a filter: :class:`Loop`, :class:`Bounded`,
-                :class:`Gaussian`; designs from them: :mod:`phyfilter_ctl.design.optimal`
+                :class:`Gaussian`; designs from them: :mod:`phyfilter_ctl.design.optimal`, :func:`trade_off`
 run it          :class:`SampledPhyFilter` (``PhyFilter.sampled``), :func:`stack`
 connect it      :func:`phyfilter_block`, :func:`sampled_block`, :func:`learned_block`, :func:`plant`: python-control
                 systems, wired with ``control.interconnect``; :func:`lookup_table`,
@@ -26,7 +26,7 @@ hand it over    :func:`export_c`, :func:`export_target`, :func:`export_fmu`, :fu
 co-simulate     :func:`import_fmu`, :func:`cosimulate`
 keep it         :func:`save`, :func:`load` (TOML)
 answers         :class:`Result`, :class:`Status`: what every answer has in common
-data            :class:`Recording`, :func:`split_by_speed`; :func:`open_log`: robots' own logs; :class:`Robot`: what
+data            :class:`Recording`, :func:`split`; :func:`open_log`: robots' own logs; :class:`Robot`: what
                 is in them
 models of f     :func:`learned_model` (scikit-learn, PyTorch, ONNX, functions), :mod:`phyfilter_ctl.learned`
 others' ways    :mod:`phyfilter_ctl.baselines`
@@ -35,19 +35,8 @@ the paper's     :mod:`phyfilter_ctl.models`
 ==============  =======================================================================================
 """
 
-import lazy_loader
-
-from ._renamed import former
+from ._renamed import attached
 
 # A room is imported when one of its names is first used: the command's help needs none of them.
-_named, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attached(__name__, __file__)
 __version__ = "0.2.0"
-
-
-def __getattr__(name: str) -> object:
-    try:
-        return _named(name)
-    except AttributeError:
-        if name in __all__:
-            raise
-        return former(__name__, name, level=3)

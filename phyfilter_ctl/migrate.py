@@ -19,11 +19,30 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ._renamed import FORMER_OPTIONS, FUNCTIONS, HOMES, OPTIONS
+
 __all__ = ["migrated"]
 
 _LOOP = "kp", "kd", "actuator", "delay", "inertia_ratio", "g", "command_limit"
 _BOUNDED = "noise", "inertia_error", "rate", "actuation", "position_noise", "implementation"
 _GAUSSIAN = "noise", "actuation", "position_noise"
+_TO_REWRITE = (
+    "CutDiagram",
+    "Signals",
+    "attitude_gains",
+    "bound_trade_off",
+    "findings_of",
+    "known_force",
+    "known_torque",
+    "position_controller",
+    "load_signals",
+    "margin_trade_off",
+    "numerator_of_type",
+    "read_reference",
+    "variance_trade_off",
+    "write_reference",
+)
+_MODULES = {"pf", "phyfilter_ctl", "filterfile", *(home.split(".")[1] for home in HOMES.values())}
 # A lag as Loop takes it: a number.
 _LAG = re.compile(r"(?:ct|control)\.(?:tf|TransferFunction)\(\[?1(?:\.0)?\]?, \[([^,\[\]]+), 1(?:\.0)?\]\)")
 # Classes, and functions that kept their arguments.
@@ -35,8 +54,11 @@ _RENAMED = {
     "LoopMargin": "FilterMargins",
     "LoopMargins": "Margins",
     "LoopMarginsLike": "MarginsLike",
+    "NoiseLevel": "Noise",
+    "MarginTradeOff": "TradeOff",
     "PriorMargin": "FilterMargins",
     "RatioMargins": "FilterMargins",
+    "RobotCheck": "Check",
     "SignalMargin": "SystemMargins",
 }
 # Names that moved to another module without a change.
@@ -48,7 +70,26 @@ _MOVED = {
     "sampled_open_loop": "phyfilter_ctl",
     "Implementation": "phyfilter_ctl",
     "gauss_markov": "phyfilter_ctl",
+    "TradeOff": "phyfilter_ctl",
+    "Interval": "phyfilter_ctl.results",
+    "Finding": "phyfilter_ctl.recording",
+    "EstimatorComparison": "phyfilter_ctl.baselines",
 }
+_PORTS = "channels", "inertia", "units", "max_channels", "arrays", "record", "clocks", "xcp"
+_EXPERIMENT = "solver", "author", "description"
+_MASTER = "step", "scheme", "order", "hold", "tolerance", "absolute_tolerance", "threads", "intermediate"
+# Functions of FMUs, and arguments that they had.
+_OF_FMI = {
+    "export_fmu": (*_PORTS, *_EXPERIMENT),
+    "export_mujoco_fmu": ("author", "description"),
+    "hand_over": ("channels",),
+    "import_fmu": ("path", "parameters", "tolerance", "outputs", "limits", "isolated", "clocks"),
+    "check": ("limits", "isolated"),
+    "replay": ("parameters",),
+    "cosimulate": (*_MASTER, "parts", "connections", "units", "limits", "isolated", "clocks"),
+    "write_ssp": ("fmus", "wires", "inputs", "outputs", "parameters"),
+}
+_FMI_NAMES = {"Fmu", "FmuExperiment", "FmuPorts", "Master", "System", "read_ssp"}
 
 
 @dataclass
@@ -65,8 +106,28 @@ class _Call:
         return {name: self.named.pop(name) for name in names if name in self.named}
 
     def value(self, name: str, arguments: list[str]) -> str:
-        self.needs.add(name)
+        self.needs.add(name.partition(".")[0])
         return f"{self.prefix}{name}({', '.join(arguments)})"
+
+    def of_fmi(self, name: str, arguments: list[str]) -> str:
+        """A value object of the room ``fmi``."""
+        if self.prefix and not self.prefix.endswith("fmi."):
+            return f"{self.prefix}fmi.{name}({', '.join(arguments)})"
+        return self.value(name, arguments)
+
+    def bundle(self, into: str, kind: str, names: tuple[str, ...], *first: str) -> None:
+        """Keywords put into the value object that has them now; the ``first`` of them without their names."""
+        taken = {name: text for name, text in self.taken(*names).items() if text != "None"}
+        if taken:
+            plain = [taken.pop(name) for name in first if name in taken]
+            arguments = [*plain, *(f"{name}={text}" for name, text in taken.items())]
+            self.named[into] = self.of_fmi(kind, arguments)
+
+    def sampled(self, *names: str) -> None:
+        """What a filter sampled in the call itself takes there."""
+        if self.positional and re.fullmatch(r".*\.sampled\(.*\)", self.positional[0]):
+            told = "".join(f", {name}={text}" for name, text in self.taken(*names).items())
+            self.positional[0] = f"{self.positional[0][:-1]}{told})"
 
     def loop(self) -> list[str]:
         """A Loop of what is given of it; none of nothing."""
@@ -92,6 +153,70 @@ class _Call:
     def written(self, name: str, arguments: list[str]) -> str:
         rest = [*(f"{key}={text}" for key, text in self.named.items()), *self.stars]
         return self.value(name, [*arguments, *rest])
+
+
+def _export(call: _Call) -> str:
+    call.sampled("channels", "inertia", "units")
+    if {"ports", "experiment"} & call.named.keys() and call.named.keys() & {*_PORTS, *_EXPERIMENT}:
+        raise KeyError("export_fmu")  # of both forms: by hand
+    call.bundle("ports", "FmuPorts", _PORTS)
+    call.bundle("experiment", "FmuExperiment", _EXPERIMENT)
+    return call.written("export_fmu", call.positional)
+
+
+def _export_robot(call: _Call) -> str:
+    call.bundle("experiment", "FmuExperiment", _EXPERIMENT)
+    return call.written("export_mujoco_fmu", call.positional)
+
+
+def _one_fmu(name: str) -> Callable[[_Call], str]:
+    def rewrite(call: _Call) -> str:
+        if "path" in call.named:
+            call.positional.insert(0, call.named.pop("path"))
+        chosen = call.taken(*_OF_FMI[name])
+        if not call.positional or re.match(r"(\w+\.)*Fmu\(", call.positional[0]):
+            raise KeyError(name)
+        chosen = {key: text for key, text in chosen.items() if text != "None"}
+        if chosen:
+            given = [f"{key}={text}" for key, text in chosen.items()]
+            call.positional[0] = call.of_fmi("Fmu", [call.positional[0], *given])
+        return call.written(name, call.positional)
+
+    return rewrite
+
+
+def _cosimulation(call: _Call) -> str:
+    if {"limits", "isolated", "clocks"} & call.named.keys():
+        raise KeyError("cosimulate")  # of which parts, a reader says
+    if "parts" in call.named:
+        call.positional.insert(0, call.named.pop("parts"))
+    given = call.positional[1:]
+    wires = given[0] if given else call.named.pop("connections", "None")
+    units = [f"units={text}" for text in call.taken("units").values()]
+    system = call.positional[0]
+    if wires not in ("[]", "()", "None") or units:
+        parts = [system, wires] if wires not in ("[]", "()", "None") else [system]
+        system = call.of_fmi("System", [*parts, *units])
+    times = call.named.pop("timepts", None)
+    call.positional = [system] if times is None else [system, times]
+    call.bundle("master", "Master", _MASTER, "step")
+    return call.written("cosimulate", call.positional)
+
+
+def _package(call: _Call) -> str:
+    given = dict(zip(("path", "fmus", "wires"), call.positional, strict=False)) | call.taken(
+        "path", "fmus", "wires"
+    )
+    ends = [f"{name}={text}" for name, text in call.taken("inputs", "outputs", "parameters").items()]
+    wires = [] if given["wires"] in ("[]", "()") else [given["wires"]]
+    return call.written("write_ssp", [call.of_fmi("System", [given["fmus"], *wires, *ends]), given["path"]])
+
+
+def _hand(call: _Call) -> str:
+    call.sampled("channels")
+    if "channels" in call.named:
+        raise KeyError("hand_over")
+    return call.written("hand_over", call.positional)
 
 
 def _of_filter(name: str) -> Callable[[_Call], str]:
@@ -160,11 +285,169 @@ def _goal(call: _Call) -> str:
     return call.written("LoopGoal", [*call.positional, *loop])
 
 
+def _learn(call: _Call) -> str:
+    call.named = {"recordings" if name == "logs" else name: text for name, text in call.named.items()}
+    call.taken("wiener", "intervals")
+    made: dict[str, str] = {}
+    for option, (kind, names) in OPTIONS.items():
+        own = {
+            "workers" if name == "scheduler" else name: text
+            for name, text in call.taken(*names).items()
+            if text != "None" or name == "dc_gain"
+        }
+        if own.keys() == {(first := names[0])} and option in ("shape", "reading"):
+            made[option] = own[first]  # a form, or what reads a file
+        elif own:
+            first = [own.pop("form")] if "form" in own else []
+            made[option] = call.value(kind, [*first, *(f"{name}={text}" for name, text in own.items())])
+    if (offset := call.taken("label_offset").get("label_offset", "False")) != "False":
+        made["label"] = '"offset"' if offset == "True" else f'"offset" if {offset} else "given"'
+    if made.keys() & call.named.keys():
+        raise KeyError("learn")  # old and new options of one kind
+    call.named = made | call.named
+    text = call.written("learn", call.positional)
+    call.needs.discard("learn")
+    return text
+
+
+def _axes(call: _Call) -> str:
+    logs, learner = call.positional
+    asked = re.fullmatch(r"lambda (\w+): (?:[\w.]+\.)?learn\(\1, (.*)\)", learner, re.S)
+    if asked is None or "folds" in call.named:
+        raise KeyError("learn_axes")  # for a reader
+    if read := call.taken("read"):
+        call.named["reading"] = read["read"]
+    return call.written("learn", [logs, f'{asked[2]}, axes="compare"'])
+
+
 def _poles(call: _Call) -> str:
     return call.written("frequency_response", call.positional) + ".pole_zero_map"
 
 
+def _noise(name: str) -> Callable[[_Call], str]:
+    return lambda call: call.written(f"Noise.{name}", call.positional)
+
+
+def _by_speed(call: _Call) -> str:
+    if "percentile" in call.named:
+        call.named["by"] = f"lambda log: log.speed({call.named.pop('percentile')})"
+    if len(call.positional) > 1:
+        call.named["fraction"] = call.positional.pop()
+    return call.written("split", call.positional)
+
+
+def _by_figure(call: _Call) -> str:
+    call.named = {"by": call.named.pop("key")} | call.named
+    return call.written("split", call.positional)
+
+
+_ROTORS = "mass", "J", "arm", "torque_ratio", "gravity", "rotor_max", "motor_lag", "delay"
+_PAIRS = {
+    "servo": (("servo_bandwidth", "servo_damping"), ("40.0", "1.0")),
+    "nominal": (("nominal_mass", "nominal_J"), ("None", "None")),
+}
+
+
+def _attitude(call: _Call) -> str:
+    gains = call.taken("kR", "kw", "lead_filter")
+    if len(gains) < 3 or call.stars:
+        raise KeyError("attitude_controller")
+    vehicle = call.value("Multirotor", [f"{name}={text}" for name, text in call.taken(*_ROTORS).items()])
+    whole = {text.removesuffix(f".{name}") for name, text in gains.items()}
+    made = whole.pop() if len(whole) == 1 else call.value("AttitudeGains", list(gains.values()))
+    return call.written("attitude_controller", [vehicle, made])
+
+
+def _manipulator(call: _Call) -> str:
+    for name, (parts, usual) in _PAIRS.items():
+        if found := call.taken(*parts):
+            texts = [found.get(part, other) for part, other in zip(parts, usual, strict=True)]
+            call.named[name] = f"({', '.join(texts)})"
+    return call.written("aerial_manipulator", call.positional)
+
+
+def _changes(call: _Call) -> str:
+    if not call.positional or not re.fullmatch(r"[\w.]+(\(.*\))?", call.positional[0], re.S):
+        raise KeyError("detect_changes")
+    found, *part = call.positional
+    rest = [*part, *(f"{key}={text}" for key, text in call.named.items()), *call.stars]
+    return f"{found}.changes({', '.join(rest)})"
+
+
+def _compared(call: _Call) -> str:
+    call.prefix = ""
+    return call.written("compare", call.positional)
+
+
+def _typed(name: str) -> Callable[[_Call], str]:
+    """A number as numerator is the type; coefficients stay, and so does what only its name is known of."""
+
+    def rewrite(call: _Call) -> str:
+        text = call.named.get("numerator", "")
+        if text in ('"lowpass"', "'lowpass'"):
+            del call.named["numerator"]
+        elif re.fullmatch(r"\d+", text):
+            call.named = {"type" if key == "numerator" else key: each for key, each in call.named.items()}
+        else:
+            raise KeyError(name)
+        return call.written(name, call.positional)
+
+    return rewrite
+
+
+_OF_ADAM = "batch", "patience", "max_epochs", "seed"
+
+
+def _train(call: _Call) -> str:
+    more = ", ".join(f"{name}={text}" for name, text in call.taken(*_OF_ADAM).items())
+    text = call.named.get("optimiser", "None")
+    made = re.fullmatch(r"([\w.]*Adam)\((.*)\)", text)
+    if made:
+        call.named["optimiser"] = f"{made[1]}({made[2]}{', ' if made[2] else ''}{more})"
+    elif text == "None":
+        call.named["optimiser"] = call.value("Adam", [more])
+    else:
+        raise KeyError("train")
+    return call.written("train", call.positional)
+
+
+_OF_LIMITS = "max_steps", "time_limit", "workers", "executor", "progress"
+
+
+def _run(name: str) -> Callable[[_Call], str]:
+    def written(call: _Call) -> str:
+        limits = {
+            name: text for name, text in call.taken(*_OF_LIMITS).items() if text not in ("None", "False")
+        }
+        limits = {"workers" if name == "executor" else name: text for name, text in limits.items()}
+        if limits and "limits" in call.named:
+            raise KeyError(name)
+        if limits:
+            call.named["limits"] = "{" + ", ".join(f'"{key}": {text}' for key, text in limits.items()) + "}"
+        if at := call.taken("t_eval"):
+            if len(call.positional) < 2:
+                raise KeyError(name)
+            call.positional[1] = f"({call.positional[1]}, {at['t_eval']})"
+        squeeze = call.taken("squeeze")
+        return call.written(name, call.positional) + (f"(squeeze={squeeze['squeeze']})" if squeeze else "")
+
+    return written
+
+
 _CALLS: dict[str, Callable[[_Call], str]] = {
+    "detect_changes": _changes,
+    "compare_estimators": _compared,
+    "place_poles": _typed("place_poles"),
+    "lowpass": _typed("lowpass"),
+    "simulate": _run("simulate"),
+    "simulate_batch": _run("simulate_batch"),
+    "train": _train,
+    "known_noise": _noise("known"),
+    "measurement_noise": _noise("at_rest"),
+    "split_by_speed": _by_speed,
+    "split_flights": _by_figure,
+    "attitude_controller": _attitude,
+    "aerial_manipulator": _manipulator,
     "prior_margin": _of_filter("margins"),
     "loop_margin": _of_filter("margins"),
     "disk_margin": _disk,
@@ -178,10 +461,31 @@ _CALLS: dict[str, Callable[[_Call], str]] = {
     "tracking_deviation": _tracking("Gaussian", _GAUSSIAN),
     "analyze": _analyze,
     "LoopConstraint": _goal,
+    "learn": _learn,
+    "learn_axes": _axes,
     "pole_zero_map": _poles,
+    "export_fmu": _export,
+    "export_mujoco_fmu": _export_robot,
+    "hand_over": _hand,
+    "import_fmu": _one_fmu("import_fmu"),
+    "check": _one_fmu("check"),
+    "replay": _one_fmu("replay"),
+    "cosimulate": _cosimulation,
+    "write_ssp": _package,
 }
 # Calls of these in their new form are left alone.
-_KEPT = {"saturation_margin", "largest_bandwidth", "error_variance", "analyze"}
+_KEPT = {
+    *("saturation_margin", "largest_bandwidth", "error_variance", "analyze", "learn"),
+    *("attitude_controller", "aerial_manipulator"),
+    *("lowpass", "place_poles"),
+    *("simulate", "simulate_batch", "train"),
+    *_OF_FMI,
+}
+# Where a name that a rule writes is from, if not from the package.
+_HOME: dict[str, str] = dict.fromkeys(("Multirotor", "AttitudeGains"), "phyfilter_ctl.controllers")
+_HOME["compare"] = "phyfilter_ctl.baselines"
+_HOME |= {"Adam": "phyfilter_ctl.design.adjoint"}
+_HOME |= dict.fromkeys(_FMI_NAMES, "phyfilter_ctl.fmi")
 _GONE = {*_CALLS, *_RENAMED} - _KEPT
 
 
@@ -260,17 +564,35 @@ def _next(tree: ast.AST, source: str, names: set[str]) -> tuple[ast.Call, tuple[
             text = _CALLS[name](made)
         except KeyError:
             continue
-        return node, (text, made.needs if not prefix else set())
+        return node, (text, made.needs if not made.prefix else set())
     return None
 
 
 def _is_old(node: ast.Call, name: str) -> bool:
     """Whether a call of a function that kept its name is one of its old form."""
     given = {keyword.arg for keyword in node.keywords}
+    if name == "train":
+        return bool(given & {*_OF_ADAM[:3]}) or {"seed", "optimiser"} <= given
+    if name in ("simulate", "simulate_batch"):
+        return bool(given & {*_OF_LIMITS, "t_eval", "squeeze"})
+    if name == "attitude_controller":
+        return not node.args and "mass" in given
+    if name == "aerial_manipulator":
+        return any(part in given for parts, _ in _PAIRS.values() for part in parts)
+    if name in ("lowpass", "place_poles"):
+        return "numerator" in given
     if name == "error_variance":
         return len(node.args) == 1 and bool(given & {"noise", "residual", None})
     if name == "saturation_margin":
         return bool(given & ({*_LOOP, None} - {"g"}))
+    if name == "write_ssp" and len(node.args) > 2:
+        return True
+    if name == "cosimulate" and len(node.args) > 1 and "timepts" in given:
+        return True
+    if name in _OF_FMI:
+        return bool(given & {*_OF_FMI[name]})
+    if name == "learn":
+        return bool(given & FORMER_OPTIONS)
     if name == "largest_bandwidth":
         return bool(given & {*_LOOP, None})
     return len(node.args) == 1 and bool(given & {*_LOOP, "residual", *_BOUNDED})
@@ -297,6 +619,9 @@ def _imports(source: str, needs: set[str]) -> str:
     wanted: dict[str, set[str]] = {}
     aliases: list[tuple[int, int, str]] = []
     missing = needs - _imported(tree)
+    for name in missing & _HOME.keys():
+        wanted.setdefault(_HOME[name], set()).add(name)
+    missing -= _HOME.keys()
     ours = [
         node
         for node in ast.walk(tree)
@@ -431,7 +756,47 @@ def _left(source: str) -> list[str]:
         for name, use in sorted(uses.items())
         if use.search(line)
     ]
-    return found
+    return found + _by_hand(source)
+
+
+def _by_hand(source: str) -> list[str]:
+    """Names that are elsewhere now, or of which a call has to be thought over, by line."""
+    found: list[tuple[int, str]] = []
+    for node in ast.walk(ast.parse(source)):
+        name = getattr(getattr(node, "func", None), "attr", getattr(getattr(node, "func", None), "id", ""))
+        if isinstance(node, ast.Call) and name in ("cosimulate", "hand_over") and _is_old(node, name):
+            given = [keyword.arg for keyword in node.keywords if keyword.arg in _OF_FMI[name]]
+            found.append(
+                (node.lineno, f"{name}({', '.join(f'{each}=...' for each in given)}): docs/migration.md says")
+            )
+        if (
+            isinstance(node, ast.ImportFrom)
+            and not node.level
+            and (node.module or "").startswith("phyfilter_ctl")
+        ):
+            for name in (alias.name for alias in node.names):
+                home = HOMES.get(name, "")
+                if name in _TO_REWRITE:
+                    found.append((node.lineno, f"{name} is now {FUNCTIONS[name][1]}"))
+                elif home.startswith(f"{node.module}."):
+                    found.append((node.lineno, f"{name} is imported from {home}"))
+        elif isinstance(node, ast.Call) and _is_learn(node.func) and _is_old(node, "learn"):
+            old = sorted({str(keyword.arg) for keyword in node.keywords} & FORMER_OPTIONS)
+            found.append(
+                (node.lineno, f"learn({', '.join(old)}): give them to shape, sampling, search or reading")
+            )
+        elif (
+            isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in _MODULES
+        ):
+            if node.attr in _TO_REWRITE:
+                found.append((node.lineno, f"{node.attr} is now {FUNCTIONS[node.attr][1]}"))
+            elif HOMES.get(node.attr, "").startswith(f"phyfilter_ctl.{node.value.id}."):
+                found.append((node.lineno, f"{node.attr} is imported from {HOMES[node.attr]}"))
+    return [f"line {number}: {text}" for number, text in found]
+
+
+def _is_learn(function: ast.expr) -> bool:
+    return getattr(function, "id", getattr(function, "attr", "")) == "learn"
 
 
 def _markdown(text: str) -> tuple[str, list[str]]:

@@ -11,15 +11,26 @@ import math
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import Field, fields, is_dataclass
 from enum import Enum, StrEnum
-from typing import Any, ClassVar, TypeGuard, TypeVar
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeGuard, TypeVar
 
 import numpy as np
 
-__all__ = ["PerChannel", "Result", "Status", "plain"]
+from ._renamed import former_field
+
+__all__ = ["Interval", "PerChannel", "Result", "SearchResult", "Status", "plain"]
 
 _LISTED = 6  # entries of a sequence that repr lists
 _WIDTH = 100  # characters of a value in repr
 _TEXT = 400  # characters of a message in repr
+# Units by name, where a name means the same in every result.
+_FREQUENCIES = ("bandwidth", "crossing", "frequency", "slowest")
+_TIMES = ("block", "delay_margin", "dt", "horizon", "span", "t_reached", "time_constant", "worst_gap")
+_UNITS = (
+    dict.fromkeys(_FREQUENCIES, "rad/s")
+    | {f"{margin}_frequency": "rad/s" for margin in ("gain", "phase", "delay", "modulus")}
+    | dict.fromkeys(_TIMES, "s")
+    | {"phase_margin": "rad"}
+)
 
 
 class Status(StrEnum):
@@ -117,6 +128,28 @@ class Result:
     _figures: ClassVar[tuple[str, ...]] = ()
     # Those that a result shows where it is an entry of another one; its status is shown in any case.
     _answer: ClassVar[tuple[str, ...]] = ()
+    # Units of figures whose name alone does not say it; "{}" is the result's own unit.
+    _units: ClassVar[Mapping[str, str]] = {}
+
+    def figures(self) -> dict[str, tuple[Any, str]]:
+        """The answer, as repr, notebooks and pages show it: value and unit of each figure.
+
+        Returns
+        -------
+        dict of str to (value, unit)
+            The unit is "" where there is none, or where it is not known.
+
+        Examples
+        --------
+        >>> from phyfilter_ctl import PhyFilter, error_bound
+        >>> error_bound(PhyFilter([20.0]).sampled(0.01, units={"f": "N"}), {1: 3.0}).figures()["noise"]
+        (0.0, 'N')
+        """
+        return {name: (value, self._unit_of(name)) for name, value in self._shown()}
+
+    def _unit_of(self, name: str) -> str:
+        unit, own = self._units.get(name, _UNITS.get(name, "")), getattr(self, "unit", "")
+        return unit.format(own) if own or "{}" not in unit else ""
 
     def to_dict(self) -> dict[str, Any]:
         """What JSON can hold of it.
@@ -152,7 +185,9 @@ class Result:
         rmse                {'nothing': 1}
         channel rmse        {'nothing': array([1])}
         """
-        return in_lines({name.replace("_", " "): _in_words(value) for name, value in self._shown()})
+        return in_lines(
+            {name.replace("_", " "): _in_words(value, unit) for name, (value, unit) in self.figures().items()}
+        )
 
     def _shown(self) -> list[tuple[str, object]]:
         """The answer, by name: figures that follow from the fields too."""
@@ -160,16 +195,70 @@ class Result:
         return [(name, getattr(self, name)) for name in names]
 
     def __repr__(self) -> str:
-        lines = [f"    {name}={summary(value)},\n" for name, value in self._shown()]
+        lines = [f"    {name}={_measured(value, unit)},\n" for name, (value, unit) in self.figures().items()]
         return f"{type(self).__name__}(\n{''.join(lines)})"
 
     def _repr_html_(self) -> str:
         rows = [
             f"<tr><th style='text-align:left'>{html.escape(name)}</th>"
-            f"<td style='text-align:left'>{html.escape(_in_words(value))}</td></tr>"
-            for name, value in self._shown()
+            f"<td style='text-align:left'>{html.escape(_in_words(value, unit))}</td></tr>"
+            for name, (value, unit) in self.figures().items()
         ]
         return f"<table><caption>{type(self).__name__}</caption>{''.join(rows)}</table>"
+
+
+_Found = TypeVar("_Found", covariant=True)
+
+
+class SearchResult(Protocol[_Found]):
+    """What every search returns: :func:`~phyfilter_ctl.learn`, ``tune``, ``fit``, ``least_bound`` and the others."""
+
+    @property
+    def best(self) -> _Found:
+        """What was looked for, a filter, a model or a differentiator: the best one found, whatever the status."""
+        ...
+
+
+class Interval(NamedTuple):
+    """An estimate with the ends of its confidence interval.
+
+    Attributes
+    ----------
+    value, low, high : float
+
+    Examples
+    --------
+    >>> found = Interval(0.05, 0.041, 0.0622)
+    >>> value, low, high = found
+    >>> found.text(100.0, 1)
+    '5.0 [4.1, 6.2]'
+    """
+
+    value: float
+    low: float
+    high: float
+
+    @property
+    def median(self) -> float:
+        """``value`` by its name of 0.2."""
+        return former_field(self, "median", "value")
+
+    def text(self, scale: float = 1.0, digits: int = 2) -> str:
+        """For tables: the value with both ends.
+
+        Parameters
+        ----------
+        scale : float
+            From the unit of the values to that of the table.
+        digits : int
+            Behind the point.
+
+        Returns
+        -------
+        str
+        """
+        value, low, high = (f"{scale * each:.{digits}f}" for each in self)
+        return f"{value} [{low}, {high}]"
 
 
 _Answer = TypeVar("_Answer", bound=Result, covariant=True)
@@ -298,7 +387,7 @@ def summary(value: object) -> str:
         return f"{value:.6g}"
     if isinstance(value, Result):
         names = [*(["status"] if hasattr(value, "status") else []), *value._answer]
-        shown = "".join(f"{name}={summary(getattr(value, name))}, " for name in names)
+        shown = "".join(f"{n}={_measured(getattr(value, n), value._unit_of(n))}, " for n in names)
         return f"{type(value).__name__}({shown}...)"
     if isinstance(value, Mapping) and len(value) <= _LISTED:
         return _short("{" + ", ".join(f"{key!r}: {summary(v)}" for key, v in value.items()) + "}", value)
@@ -311,6 +400,13 @@ def summary(value: object) -> str:
         left, right = "[]" if isinstance(value, list) else ("(", ",)" if len(value) == 1 else ")")
         return _short(left + ", ".join(map(summary, value)) + right, value)
     return _short(repr(value), value)
+
+
+def _measured(value: object, unit: str) -> str:
+    """As :func:`summary`, with its unit where it is a figure."""
+    if not unit or value is None or isinstance(value, str | Result):
+        return summary(value)
+    return f"{summary(value)} {unit}"
 
 
 def _array(value: np.ndarray) -> str:
@@ -340,8 +436,10 @@ def _are_texts(value: object) -> TypeGuard[tuple[str, ...]]:
     return isinstance(value, tuple) and bool(value) and all(isinstance(entry, str) for entry in value)
 
 
-def _in_words(value: object) -> str:
+def _in_words(value: object, unit: str = "") -> str:
     """As :func:`summary`, for people: empty where there is nothing to say."""
+    if unit and (said := _in_words(value)):
+        return said if isinstance(value, str | Result) else f"{said} {unit}"
     if isinstance(value, Status):
         return f"{value}: {value.meaning}"
     if isinstance(value, str):

@@ -30,7 +30,8 @@ from phyfilter_ctl.cli import main as command
 from phyfilter_ctl.execution import Checkpoint
 from phyfilter_ctl.fmi import FmuError, check, cosimulate, describe, import_fmu
 from phyfilter_ctl.fmi.recipes import read_recipe
-from phyfilter_ctl.learned import OnnxNetwork, learned_model
+from phyfilter_ctl.learned import learned_model
+from phyfilter_ctl.learned.onnx import OnnxNetwork
 from phyfilter_ctl.logfiles import read_recording
 from phyfilter_ctl.study import read_parameters
 from tests.fmi.foreign_fmus import description

@@ -197,16 +197,18 @@ def test_lists_of_another_length_are_refused() -> None:
 @pytest.mark.parametrize("system", [BANK, SAMPLED, pf.stack([FILTERS[0]])])
 def test_through_a_file(system: FilterBank | SampledPhyFilter, tmp_path: Path) -> None:
     count = len(system if isinstance(system, FilterBank) else system.filters)
-    names = pf.Signals([f"v{i}" for i in range(count)])
-    pf.save(tmp_path / "f.toml", system, signals=names)
-    again = pf.load(tmp_path / "f.toml")
-    expected = system
+    names = [f"v{i}" for i in range(count)]
     if isinstance(system, SampledPhyFilter):
-        expected = replace(system, sampling=replace(system.sampling, channels=names.channels))
-    assert again == expected
+        system = replace(system, sampling=replace(system.sampling, channels=names))
+        pf.save(tmp_path / "f.toml", system)
+    else:
+        pf.save(tmp_path / "f.toml", system, channels=names)
+        assert pf.load(tmp_path / "f.toml", dt=0.01).sampling.names == tuple(names)
+        with pytest.raises(ValueError, match=f"expected {count} names"):
+            pf.save(tmp_path / "g.toml", system, channels=[*names, "w"])
+    again = pf.load(tmp_path / "f.toml")
+    assert again == system
     assert isinstance(again, FilterBank) == isinstance(system, FilterBank)
-    with pytest.raises(ValueError, match=f"expected {count} names"):
-        pf.save(tmp_path / "g.toml", system, signals=pf.Signals([*names.channels, "w"]))
     with pytest.raises(TypeError, match="stack them first"):
         pf.save(tmp_path / "g.toml", FILTERS)  # type: ignore[arg-type]  # wrong on purpose
 
@@ -215,7 +217,7 @@ def test_through_a_file(system: FilterBank | SampledPhyFilter, tmp_path: Path) -
 def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """One with names and sampled, one without either."""
     monkeypatch.chdir(tmp_path)
-    pf.save("named.toml", SAMPLED, signals=pf.Signals(["vx", "vy", "vz"]))
+    pf.save("named.toml", replace(SAMPLED, sampling=SAMPLED.sampling.told(channels=["vx", "vy", "vz"])))
     pf.save("bank.toml", BANK)
     return tmp_path
 
@@ -269,7 +271,7 @@ def test_design_samples_a_bank_and_export_writes_it(files: Path, capsys: pytest.
     assert main(["design", "bank.toml", "--dt", str(DT), "--out", "sampled.toml"]) == 0
     assert pf.load("sampled.toml") == SAMPLED
     assert main(["design", "named.toml", "--dt", "0.02", "--out", "again.toml"]) == 0
-    assert pf.load("again.toml") == BANK.sampled(0.02)
+    assert pf.load("again.toml") == BANK.sampled(0.02, channels=["vx", "vy", "vz"])
     assert main(["export", "bank.toml", "--dt", str(DT), "--c", "bank"]) == 0
     assert main(["export", "named.toml", "--c", "named"]) == 0
     for one, other in zip(*(sorted(Path(k).glob("*.[ch]")) for k in ("bank", "named")), strict=True):
@@ -295,7 +297,7 @@ def test_learned_per_channel(
     label = truth.sampled(DT).run(x)
     log = pf.Recording.from_arrays(x=x, dt=DT, label=label, channels=["px", "py"])
     log.to_csv("log.csv")
-    found = pf.stack([pf.learn(log, 1, channels=[name], wiener=False).filter for name in log.channels])
+    found = pf.stack([pf.learn(log, 1, channels=[name]).filter for name in log.channels])
     words = [
         "learn",
         "log.csv",
@@ -316,7 +318,7 @@ def test_learned_per_channel(
     assert list(json.loads(Path("f.json").read_text())["channels"]) == ["px", "py"]
     learned = pf.load("f.toml")
     assert isinstance(learned, SampledPhyFilter)
-    assert pf.load_signals("f.toml").channels == ("px", "py")
+    assert learned.sampling.names == ("px", "py")
     for i, F in enumerate(truth):
         np.testing.assert_allclose(found[i].a, F.a, rtol=1e-6)
         np.testing.assert_allclose(learned.filters[i].a, F.a, rtol=1e-6)

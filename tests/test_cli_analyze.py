@@ -10,7 +10,6 @@ import pytest
 import phyfilter_ctl as pf
 from phyfilter_ctl import Bounded, Loop, error_bound, margins
 from phyfilter_ctl.cli import main
-from phyfilter_ctl.filterfile import Signals
 
 
 @pytest.fixture
@@ -49,7 +48,7 @@ def test_page_of_a_continuous_filter(continuous, tmp_path, capsys):
     f = pf.lowpass(2, 20.0)
     expected = error_bound(f, Bounded({1: 3.0}, inertia_error=0.1, rate=2.0))
     assert figures["bound"]["bound"] == expected.bound
-    assert figures["bound"]["prior"] == expected.prior
+    assert figures["bound"]["inertia"] == expected.inertia
     lag = ct.tf([1.0], [0.05, 1.0])
     assert figures["inner_loop"]["modulus_margin"] == margins(f, Loop(actuator=lag)).modulus_margin
     assert figures["complete_loop"]["delay_margin"] == margins(f, Loop(10.0, 6.0, actuator=lag)).delay_margin
@@ -188,14 +187,14 @@ def test_inertia_of_the_file_counts_in_every_line(tmp_path):
 
 def test_inertia_noted_in_the_file_of_a_continuous_filter_counts(tmp_path, capsys):
     filter, path = pf.lowpass(2, 20.0), tmp_path / "noted.toml"
-    pf.save(path, filter, signals=Signals(["v"], unit_f="N", inertia=5.0))
+    pf.save(path, filter, channels=["v"], units={"f": "N"}, inertia=5.0)
     assert main(["analyze", str(path), "--slope", "3", "--noise", "0.01", "--json", "-"]) == 0
     figures = json.loads(capsys.readouterr().out)
     one = pf.error_bound(filter, pf.Bounded({1: 3.0}, noise=0.01))
     assert figures["bound"]["noise"] == pytest.approx(5.0 * one.noise, rel=1e-12)
     assert " N while" in figures["headline"]
     two = pf.stack([filter, pf.lowpass(1, 8.0)])
-    pf.save(path, two, signals=Signals(["a", "b"], inertia=[2.0, 3.0]))
+    pf.save(path, two, channels=["a", "b"], inertia=[2.0, 3.0])
     assert main(["analyze", str(path), "--slope", "3", "--noise", "0.01", "--json", "-"]) == 0
     found = json.loads(capsys.readouterr().out)["channels"]
     for name, each, M in zip("ab", two, (2.0, 3.0), strict=True):

@@ -18,7 +18,7 @@ needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler on t
 
 
 def save_wing(path):
-    pf.save(path, pf.lowpass(2, 20.0).sampled(0.002), signals=pf.Signals(["vx", "vy"], unit_x="m/s"))
+    pf.save(path, pf.lowpass(2, 20.0).sampled(0.002, channels=["vx", "vy"], units={"x": "m/s"}))
 
 
 @pytest.fixture

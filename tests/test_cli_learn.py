@@ -6,6 +6,7 @@ import importlib
 import json
 import os
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -54,9 +55,9 @@ def test_known_filter_comes_back_through_the_file(tmp_path, monkeypatch, capsys)
     found = filterfile.load("filter.toml")
     np.testing.assert_allclose(found.filter.a, TRUTH.a, rtol=EXACT)
     assert (found.dt, found.sampling.method, found.sampling.g) == (DT, "exact", "hold")
-    assert filterfile.load_signals("filter.toml").channels == ("px", "py")
+    assert found.sampling.names == ("px", "py")
     # One row a sample in the log, but the same in every one.
-    np.testing.assert_array_equal(filterfile.load_signals("filter.toml").inertia, [1.5, 1.5])
+    np.testing.assert_array_equal(found.sampling.inertia, [1.5, 1.5])
     # The file is one that the next command takes.
     assert main(["design", "filter.toml"]) == 0
     assert "every 0.01 s, exact" in capsys.readouterr().out
@@ -76,7 +77,7 @@ def test_figures_are_those_of_learn(logs, capsys):
     training = [Recording.from_csv(f"{name}.csv", x=["px", "py"]) for name in ("one", "two")]
     held = Recording.from_csv("held.csv", x=["px", "py"])
     expected = learning.learn(
-        training, 2, held_out=held, cross_validate=True
+        training, 2, held_out=held, search=learning.Search(cross_validate=True)
     )  # as the command, for two files
     row = figures["filters"][2]
     assert row["a"] == expected.filter.a.tolist()
@@ -181,8 +182,8 @@ def test_text_has_every_figure_and_marks_the_best(logs, capsys):
     assert "within two standard errors (few flights)" in figures["reason"]
     assert figures["reason"] in shown
     # 95 % intervals in the text and in the figures.
-    low, high = figures["filters"][figures["best"]]["intervals"]["rmse"]
-    assert f"RMSE {low:.4g} to {high:.4g}; F(0) = 1 by construction" in shown
+    interval = figures["filters"][figures["best"]]["intervals"]["rmse"]
+    assert f"RMSE {interval['low']:.4g} to {interval['high']:.4g}; F(0) = 1 by construction" in shown
 
 
 def test_what_is_wrong_with_a_label_is_printed_and_in_the_figures(logs, capsys):
@@ -265,13 +266,13 @@ def test_columns_by_name_and_without_times(tmp_path, monkeypatch, capsys):
 def test_first_ctrl_c_keeps_the_best_so_far(logs, monkeypatch, capsys):
     learn = learning.learn
 
-    def interrupted(*arguments, callback, **options):
+    def interrupted(*arguments, search, **options):
         def report(event):
             if event.order == 2:
                 os.kill(os.getpid(), signal.SIGINT)
-            return callback(event)
+            return search.callback(event)
 
-        return learn(*arguments, callback=report, **options)
+        return learn(*arguments, search=replace(search, callback=report), **options)
 
     monkeypatch.setattr(learning, "learn", interrupted)
     before = signal.getsignal(signal.SIGINT)

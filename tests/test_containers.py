@@ -327,5 +327,5 @@ def test_the_filter_learned_from_frames_is_the_same(pd: Any) -> None:
     plain = Recording(t, x[:, None], label=f[:, None])
     frame = pd.DataFrame({"x": x, "f": f}, index=t)
     framed = Recording(frame.index, frame["x"], label=frame["f"])
-    one, other = (learn(log, 1, wiener=False) for log in (plain, framed))
+    one, other = (learn(log, 1) for log in (plain, framed))
     assert one.filter == other.filter

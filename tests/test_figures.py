@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 import phyfilter_ctl as pf
 from phyfilter_ctl import frequency_response
-from phyfilter_ctl.design.optimal import bound_trade_off, variance_trade_off
 from phyfilter_ctl.plots import dress, letter_panels, typeset
 from phyfilter_ctl.plots._style import LINES, PhaseLocator, line_style
 from phyfilter_ctl.plots.budget import budget_curves
@@ -101,9 +100,13 @@ def test_faults_are_found() -> None:
         lambda: frequency_response(
             [pf.PhyFilter([8.0 + 4.0 * k]).sampled(0.002) for k in range(3)]
         ).pole_zero_map.plot(),
-        lambda: bound_trade_off(2, residual={1: 8.0}, noise=0.01, points=9).plot(),
-        lambda: variance_trade_off(2, residual=pf.gauss_markov(1.0, 0.5), noise=0.01, points=5).plot(),
-        lambda: pf.error_bound(pf.lowpass(2, 20.0, numerator=2), {2: 8.0}).plot(),
+        lambda: pf.trade_off(
+            MANY[0].faster,
+            np.geomspace(0.1, 10.0, 9),
+            cost=lambda f: pf.error_bound(f, pf.Bounded({1: 8.0}, noise=0.01)),
+        ).plot(),
+        lambda: pf.trade_off(lambda margin: margin**2, [0.3, 0.5], label="Modulus margin").plot(),
+        lambda: pf.error_bound(pf.lowpass(2, 20.0, type=2), {2: 8.0}).plot(),
         lambda: analysis_plot(
             [pf.frequency_response(MANY[3]).curve()], T + 1.0, {"inner loop": [T + 1.0]}, []
         ),

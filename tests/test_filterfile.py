@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import stat
 import tomllib
-from dataclasses import FrozenInstanceError
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ from hypothesis import strategies as st
 from phyfilter_ctl import PhyFilter
 from phyfilter_ctl._signals import LARGEST
 from phyfilter_ctl.filter import SampledPhyFilter, Sampling, stack
-from phyfilter_ctl.filterfile import Signals, load, load_signals, save
+from phyfilter_ctl.filterfile import load, save
+from phyfilter_ctl.filterfile.document import read_noted
 
 GOOD = 'format = "phyfilter"\nversion = 1\na = [400.0, 40.0]\n'
 SAMPLED = GOOD + "[sampled]\ndt = 0.002\n"
@@ -83,7 +85,7 @@ def test_a_filter_comes_back_bit_for_bit(tmp_path_factory, filter: PhyFilter) ->
     again = load(path)
     assert isinstance(again, PhyFilter)
     assert_same_filter(again, filter)
-    assert load_signals(path) == Signals()
+    assert read_noted(path)[1] == {}
 
 
 @pytest.mark.filterwarnings("ignore:.*F = 0 is saved")
@@ -159,14 +161,29 @@ numbers = st.floats(-LARGEST, LARGEST)
 )
 def test_signals_come_back(tmp_path_factory, units: tuple[str, str, str], inertia) -> None:
     path = tmp_path_factory.getbasetemp() / "signals.toml"
-    signals = Signals(['v "x"', "ω\\"], unit_x=units[0], unit_g=units[1], unit_f=units[2], inertia=inertia)
-    save(path, PhyFilter([20.0]).sampled(0.002), signals=signals)
-    assert load_signals(path) == signals
+    F = PhyFilter([20.0])
+    known = {"channels": ['v "x"', "ω\\"], "units": dict(zip("xgf", units, strict=True)), "inertia": inertia}
+    sampled = F.sampled(0.002, **known)
+    save(path, sampled)
+    assert load(path) == sampled
+    save(path, F, **known)
+    assert load(path) == F
+    assert load(path, dt=0.002) == sampled
+    with pytest.raises(ValueError, match="channels: a sampled filter has its own"):
+        save(path, sampled, channels=["a", "b"])
+
+
+def test_a_step_is_for_a_continuous_filter(tmp_path: Path) -> None:
+    save(tmp_path / "f.toml", PhyFilter([20.0]).sampled(0.002))
+    with pytest.raises(
+        ValueError, match=r"f\.toml: dt is for a continuous filter, and .* every 0\.002 s already"
+    ):
+        load(tmp_path / "f.toml", dt=0.004)
 
 
 def test_control_characters_are_escaped(tmp_path: Path) -> None:
     every = "".join(map(chr, range(0x20))) + '\x7f\x80\x9f"\\\U0001f600\u2028'
-    save(tmp_path / "f.toml", PhyFilter([20.0]), signals=Signals(unit_x=every))
+    save(tmp_path / "f.toml", PhyFilter([20.0]), units={"x": every})
     raw = (tmp_path / "f.toml").read_bytes()
     assert not set(raw.replace(b"\n", b"")) & {*range(0x20), 0x7F}
     assert tomllib.loads(raw.decode())["signals"]["units"]["x"] == every
@@ -174,13 +191,14 @@ def test_control_characters_are_escaped(tmp_path: Path) -> None:
 
 def test_inertia_of_every_shape(tmp_path: Path) -> None:
     matrix = ((1.0, 0.1), (0.1, 2.0))
-    for given_inertia, kept in ((1.5, 1.5), ([1.0, 2.0], (1.0, 2.0)), (np.array(matrix), matrix), (2, 2.0)):
-        signals = Signals(["x", "y"], inertia=given_inertia)
-        assert signals.inertia == kept
-        save(tmp_path / "f.toml", PhyFilter([20.0]), signals=signals)
-        assert load_signals(tmp_path / "f.toml") == signals
-    for given_inertia, kept in ((1.5, 1.5), ([2.0], (2.0,)), ([[2.0]], ((2.0,),))):  # channels without names
-        assert Signals(inertia=given_inertia).inertia == kept
+    path = tmp_path / "f.toml"
+    for names, inertias in (
+        (["x", "y"], (1.5, [1.0, 2.0], np.array(matrix), 2)),
+        (None, (1.5, [2.0], [[2.0]])),
+    ):
+        for M in inertias:
+            save(path, PhyFilter([20.0]), channels=names, inertia=M)
+            np.testing.assert_array_equal(load(path, dt=0.01).sampling.inertia, M)
 
 
 # -- what the file looks like -----------------------------------------------------------------------------------
@@ -190,7 +208,8 @@ def test_the_file_is_for_reading(tmp_path: Path) -> None:
     sampled = stack(
         [PhyFilter([20.0]).sampled(0.002), PhyFilter([400.0, 40.0], [400.0, 40.0]).sampled(0.002)]
     )
-    save(tmp_path / "f.toml", sampled, signals=Signals(["x", "y"], unit_x="m/s", unit_f="N", inertia=1.2))
+    sampling = sampled.sampling.told(channels=["x", "y"], units={"x": "m/s", "f": "N"}, inertia=1.2)
+    save(tmp_path / "f.toml", replace(sampled, sampling=sampling))
     assert (
         (tmp_path / "f.toml").read_text()
         == """\
@@ -246,7 +265,6 @@ def test_reads_what_a_person_writes(tmp_path: Path) -> None:
     again = load(path)
     # Poles typed to ten digits count before coefficients.
     assert again == PhyFilter.from_poles([-20.0, -20.00000001]).sampled(0.002, units={"x": "m/s"})
-    assert load_signals(path).unit_x == "m/s"
 
 
 # -- refusals ---------------------------------------------------------------------------------------------------
@@ -367,9 +385,8 @@ def test_reads_what_a_person_writes(tmp_path: Path) -> None:
 def test_refuses(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "bad.toml"
     path.write_text(text)
-    for read in (load, load_signals):
-        with pytest.raises(ValueError, match=rf"bad\.toml: {message}"):
-            read(path)
+    with pytest.raises(ValueError, match=rf"bad\.toml: {message}"):
+        load(path)
 
 
 def test_refuses_what_is_no_text(tmp_path: Path) -> None:
@@ -380,17 +397,27 @@ def test_refuses_what_is_no_text(tmp_path: Path) -> None:
         load(tmp_path / "none.toml")
 
 
-def test_signals_refuse() -> None:
-    with pytest.raises(ValueError, match="channels: expected different names"):
-        Signals(["x", "x"])
-    with pytest.raises(ValueError, match="inertia: expected finite"):
-        Signals(inertia=np.inf)
-    with pytest.raises(ValueError, match=r"inertia: expected a number or shape \(2,\)"):
-        Signals(["x", "y"], inertia=np.eye(3))
-    with pytest.raises(TypeError, match="unit_x: expected text"):
-        Signals(unit_x=1)  # type: ignore[arg-type]  # wrong on purpose
-    with pytest.raises(FrozenInstanceError):
-        Signals().unit_x = "m"  # type: ignore[misc]  # that it is refused is the test
+@pytest.mark.parametrize(
+    ("told", "error", "message"),
+    [
+        ({"channels": ["x", "x"]}, ValueError, "channels: expected different names"),
+        ({"channels": 2}, ValueError, "channels: expected names, got 2"),
+        ({"inertia": np.inf}, ValueError, "inertia: expected finite"),
+        ({"inertia": "full"}, ValueError, "inertia: expected numbers; .* got 'full'"),
+        (
+            {"channels": ["x", "y"], "inertia": np.eye(3)},
+            ValueError,
+            r"inertia: expected a number or shape \(2,\)",
+        ),
+        ({"units": {"x": 1}}, TypeError, "units: expected text for x"),
+    ],
+)
+def test_what_cannot_be_noted(
+    tmp_path: Path, told: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        save(tmp_path / "f.toml", PhyFilter([20.0]), **told)
+    assert not list(tmp_path.iterdir())
 
 
 # -- whole or not at all ----------------------------------------------------------------------------------------
@@ -399,15 +426,13 @@ def test_signals_refuse() -> None:
 def test_save_refuses_before_it_writes(tmp_path: Path) -> None:
     path = tmp_path / "f.toml"
     path.write_text("old")
-    two = stack([PhyFilter([20.0]).sampled(0.01)] * 2)
+    two = stack([PhyFilter([20.0])] * 2)
     with pytest.raises(ValueError, match="channels: expected 2 names"):
-        save(path, two, signals=Signals(["x"]))
+        save(path, two, channels=["x"])
     with pytest.raises(TypeError, match="filter: expected a PhyFilter"):
         save(path, [20.0])  # type: ignore[arg-type]  # wrong on purpose
-    with pytest.raises(TypeError, match="signals: expected Signals"):
-        save(path, two, signals={})  # type: ignore[arg-type]  # wrong on purpose
     with pytest.raises(UnicodeEncodeError):
-        save(path, two, signals=Signals(unit_x="\ud800"))
+        save(path, two, units={"x": "\ud800"})
     assert path.read_text() == "old"
     assert os.listdir(tmp_path) == ["f.toml"]
 

@@ -17,10 +17,11 @@ import pytest
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.blocks import adaptive_block
-from phyfilter_ctl.codegen import compile_model, compile_sources
+from phyfilter_ctl.codegen import compile_model
+from phyfilter_ctl.codegen.compiler import compile_sources
 from phyfilter_ctl.codegen.export_folder import own_symbols
+from phyfilter_ctl.codegen.filter_code import filter_source
 from phyfilter_ctl.codegen.filter_guard import guard_sources
-from phyfilter_ctl.codegen.filter_source import filter_source
 from phyfilter_ctl.codegen.fixed_source import fixed_source
 from phyfilter_ctl.controllers.l1_adaptive import l1_adaptive
 from phyfilter_ctl.estimation import ColouredForce
@@ -123,7 +124,8 @@ def by_fmu(fmi, rate="communication"):
     def run(sampled, x, g, folder):
         path = folder / "filter.fmu"
         if not path.exists():
-            options = {"fmi": fmi, "channels": CHANNELS, "kinds": ("cs",), "rate": rate}
+            ports = pf.fmi.FmuPorts(channels=CHANNELS)
+            options = {"fmi": fmi, "kinds": ("cs",), "rate": rate, "ports": ports}
             pf.export_fmu(sampled, path, compiler=quick_compiler(), **options)
         _describes(path, sampled.sampling.g)
         with Instance(path) as wing:
@@ -142,8 +144,8 @@ def by_fmpy(fmi, **options):
     def run(sampled, x, g, folder):
         path = folder / "filter.fmu"
         if not path.exists():
-            export = {"fmi": fmi, "channels": CHANNELS, "arrays": False, "rate": "fixed"}
-            pf.export_fmu(sampled, path, compiler=quick_compiler(), **export)
+            ports = pf.fmi.FmuPorts(channels=CHANNELS, arrays=False)
+            pf.export_fmu(sampled, path, fmi=fmi, rate="fixed", ports=ports, compiler=quick_compiler())
         return fmpy_run(path, x, g, **options)
 
     return run
@@ -301,7 +303,13 @@ def test_inputs_held_over_a_step_cost_a_sample(tmp_path):
     """FMPy's co-simulation sets the inputs of the beginning of a step: f_hat is late by one, exactly, and the first
     sample counts twice, so that g[0] acts over a step in which x stood still; F forgets that."""
     path = tmp_path / "filter.fmu"
-    pf.export_fmu(FILTER.sampled(H), path, channels=1, fmi="2.0", arrays=False, compiler=quick_compiler())
+    pf.export_fmu(
+        FILTER.sampled(H, channels=1),
+        path,
+        fmi="2.0",
+        compiler=quick_compiler(),
+        ports=pf.fmi.FmuPorts(arrays=False),
+    )
     f, weight = np.sin(2.0 * TIMES)[:, None], np.full((N, 1), -9.81)
     x = np.vstack([[0.0], np.cumsum(H * (f + weight), axis=0)[:-1]])
     found = fmpy_run(path, x, weight, fmi_type="CoSimulation")

@@ -110,3 +110,24 @@ def test_what_is_left_is_listed_and_strangers_are_left_alone(tmp_path, capsys):
     own.write_text("def (:\n")
     assert main([str(own)]) == 1
     assert "not Python" in capsys.readouterr().out
+
+
+def test_what_is_elsewhere_now_is_listed():
+    """Where the script cannot tell what to write, it says so: nothing that warns is passed over."""
+    code = (
+        "import phyfilter_ctl as pf\n"
+        "from phyfilter_ctl.learned import OnnxNetwork\n"
+        "from phyfilter_ctl import Signals, fmi\n"
+        "pf.save('f.toml', F, signals=pf.Signals(['a']))\n"
+        "r = fmi.read_reference('x_out.csv')\n"
+    )
+    new, left = migrated(code)
+    assert new == code
+    said = "\n".join(left)
+    for line, words in (
+        (2, "phyfilter_ctl.learned.onnx"),
+        (3, "Sampling"),
+        (4, "Sampling"),
+        (5, "Reference.read"),
+    ):
+        assert any(each.startswith(f"line {line}:") and words in each for each in left), said

@@ -15,7 +15,7 @@ from phyfilter_ctl import PhyFilter, _output, save
 from phyfilter_ctl._output import replacing, replacing_folder, write_text
 from phyfilter_ctl.codegen.export_folder import write_folder
 from phyfilter_ctl.fmi.archive_write import write_archive
-from phyfilter_ctl.fmi.replay import Reference, write_reference
+from phyfilter_ctl.fmi.replay import Reference
 from phyfilter_ctl.learned import _files
 from phyfilter_ctl.recording import Recording
 
@@ -100,7 +100,7 @@ _WRITERS = {
     "filter": lambda path: save(path, PhyFilter([20.0])),
     "log": lambda path: Recording.from_arrays(x=[[0.5], [0.25]], dt=0.1).to_csv(path),
     "archive": lambda path: write_archive(path, {"a": "1"}),
-    "reference_out.csv": lambda path: write_reference(path, Reference(np.arange(2.0), {}, {"y": np.ones(2)})),
+    "reference_out.csv": lambda path: Reference(np.arange(2.0), {}, {"y": np.ones(2)}).write(path),
     "model": lambda path: _files.write(path, "test", {}),
     "folder": lambda path: write_folder(path, {"a.c": ""}),
 }

@@ -26,7 +26,7 @@ from phyfilter_ctl import (
     place_poles,
 )
 from phyfilter_ctl.analysis import error_budget
-from phyfilter_ctl.design.optimal import bound_trade_off
+from phyfilter_ctl.design import trade_off
 from phyfilter_ctl.plots import COLOURS, FrequencyLimit
 from phyfilter_ctl.plots.budget import budget_curves, budget_plot
 from phyfilter_ctl.plots.estimates import estimate_plot
@@ -44,7 +44,7 @@ CLOSE = 1e-9
 LIGHT = 600_000
 
 SECOND = PhyFilter([400.0, 40.0])
-FOURTH = lowpass(4, 20.0, family="butterworth", numerator=2)
+FOURTH = lowpass(4, 20.0, family="butterworth", type=2)
 LEARNED = PhyFilter([9784.89, 930.837, 53.2642], [9630.64, 772.787, 3.13839])
 
 
@@ -117,7 +117,7 @@ def test_poles_in_the_s_plane() -> None:
 
 
 def test_zeros_are_zeros() -> None:
-    for filter in (FOURTH, LEARNED, bandpass(2, 4.0, 9.0), place_poles([-3 + 4j, -3 - 4j], numerator=1)):
+    for filter in (FOURTH, LEARNED, bandpass(2, 4.0, 9.0), place_poles([-3 + 4j, -3 - 4j], type=1)):
         (entry,) = frequency_response(filter).pole_zero_map
         scale = float(np.max(np.abs(filter.poles)))
         for zeros, response in ((entry.zeros, filter), (entry.error_zeros, filter.error)):
@@ -252,7 +252,7 @@ def test_budget_of_bounds_as_bars() -> None:
     np.testing.assert_allclose(budget.total, [entry.bound for entry in bounds.values()], rtol=1e-12)
     plot = budget.plot()
     bars = plot.lines[0, 0]
-    for container, part in zip(bars, ("intrinsic", "prior", "noise"), strict=True):
+    for container, part in zip(bars, ("intrinsic", "inertia", "noise"), strict=True):
         expected = [getattr(entry, part) for entry in bounds.values()]
         np.testing.assert_allclose([bar.get_width() for bar in container], expected, rtol=1e-12)
     ends = [bar.get_x() + bar.get_width() for bar in bars[-1]]
@@ -266,20 +266,24 @@ def test_budget_of_bounds_as_bars() -> None:
 
 
 def test_budget_over_bandwidth() -> None:
-    designs = bound_trade_off(1, residual={1: 8.0}, noise=0.01, points=21)
-    bounds = [error_bound(each, Bounded({1: 8.0}, noise=0.01)) for each in designs.filters]
+    designs = trade_off(
+        PhyFilter([20.0]).faster,
+        np.geomspace(0.1, 10.0, 21),
+        cost=lambda each: error_bound(each, Bounded({1: 8.0}, noise=0.01)),
+    )
+    bounds = [error_bound(each, Bounded({1: 8.0}, noise=0.01)) for each in designs.results]
     budget = error_budget(bounds[::-1], unit="N")
     assert budget.bandwidth is not None
     assert np.all(np.diff(budget.bandwidth) > 0.0)
-    np.testing.assert_allclose(budget.residual, designs.following, rtol=1e-6)
-    np.testing.assert_allclose(budget.noise, designs.noise, rtol=1e-6)
+    np.testing.assert_allclose(budget.residual, designs.costs["residual"], rtol=1e-6)
+    np.testing.assert_allclose(budget.noise, designs.costs["noise"], rtol=1e-6)
     plot = budget.plot()
     total, residual, noise, best = plot.lines[0, 0]
     np.testing.assert_array_equal(total.get_ydata(), budget.total)
     np.testing.assert_array_equal(residual.get_ydata(), budget.residual)
     np.testing.assert_array_equal(noise.get_ydata(), budget.noise)
     np.testing.assert_array_equal(noise.get_xdata(), budget.bandwidth)
-    assert best.get_xdata() == [budget.bandwidth[designs.best]]
+    assert best.get_xdata() == [budget.bandwidth[designs.results.index(designs.best)]]
     assert len({line.get_linestyle() for line in (total, residual, noise)}) == 3
     assert plot.axes[0, 0].get_xlabel() == "Bandwidth [rad/s]"
     assert not outside_or_overlapping(plot)
@@ -412,11 +416,15 @@ def test_learning_curve_draws_root_mean_squares() -> None:
 
 
 def test_trade_off_and_bound_have_units() -> None:
-    designs = bound_trade_off(1, residual={1: 8.0}, noise=0.01, points=9)
+    designs = trade_off(
+        PhyFilter([20.0]).faster,
+        np.geomspace(0.1, 10.0, 9),
+        cost=lambda each: error_bound(each, Bounded({1: 8.0}, noise=0.01)),
+    )
     curve = designs.plot()
-    np.testing.assert_array_equal(curve.lines[0, 0][0].get_xdata(), designs.following)
-    np.testing.assert_array_equal(curve.lines[0, 0][0].get_ydata(), designs.noise)
-    bound = error_bound(lowpass(2, 20.0, numerator=2), {2: 8.0})
+    np.testing.assert_array_equal(curve.lines[0, 0][0].get_xdata(), designs.costs["residual"])
+    np.testing.assert_array_equal(curve.lines[0, 0][0].get_ydata(), designs.costs["noise"])
+    bound = error_bound(lowpass(2, 20.0, type=2), {2: 8.0})
     course = bound.plot()
     assert course.axes[0, 0].get_ylabel() == "Response to $\\gamma^{(2)}$ [s]"
     np.testing.assert_allclose(course.lines[1, 0][0].get_ydata()[-1], bound.intrinsic, rtol=1e-3)

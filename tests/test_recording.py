@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.recording import Recording, split_by_speed, split_flights
+from phyfilter_ctl.recording import Recording, split
 
 # Interpolation is a difference, a product and a sum of numbers of size 1: a few roundings.
 ROUNDING = 1e-14
@@ -218,8 +218,6 @@ def test_reads_columns_by_name_in_any_order(tmp_path: Path) -> None:
         scale={"ms": 1e-3, "f": 2.0},
         delimiter=";",
         inertia=1.5,
-        name="one",
-        channels=["speed"],
         unit="m/s",
     )
     assert log.times.tolist() == [0.0, 0.01]
@@ -229,7 +227,7 @@ def test_reads_columns_by_name_in_any_order(tmp_path: Path) -> None:
     assert log.features is not None
     assert log.features.tolist() == [[3.0, 2.0], [6.0, 5.0]]
     assert log.inertia == 1.5
-    assert (log.name, log.channels, log.unit, log.label) == ("one", ("speed",), "m/s", None)
+    assert (log.name, log.channels, log.unit, log.label) == (path.stem, ("v",), "m/s", None)
 
 
 def test_a_single_name_is_one_column(tmp_path: Path) -> None:
@@ -654,7 +652,7 @@ def flight(speed: float, name: str = "") -> Recording:
 @given(speeds=st.lists(st.floats(0.1, 10.0), min_size=2, max_size=9), fraction=st.floats(0.05, 0.95))
 def test_split_by_speed(speeds: list[float], fraction: float) -> None:
     flights = [flight(speed, str(i)) for i, speed in enumerate(speeds)]
-    slower, faster = split_by_speed(flights, fraction)
+    slower, faster = split(flights, fraction=fraction)
     assert slower
     assert faster
     assert sorted(log.name for log in (*slower, *faster)) == sorted(log.name for log in flights)
@@ -670,19 +668,21 @@ def test_speed_is_a_percentile_of_the_norm() -> None:
         flight(3.0).speed(101.0)
 
 
-def test_split_flights_by_any_figure() -> None:
+def test_split_by_any_figure() -> None:
     flights = [log_of(n) for n in (9, 5, 7, 5)]
-    short, long = split_flights(flights, key=lambda log: log.n, fraction=0.5)
+    short, long = split(flights, by=lambda log: log.n)
     assert short == (flights[1], flights[3])
     assert long == (flights[2], flights[0])
 
 
-def test_split_flights_refuses() -> None:
-    with pytest.raises(ValueError, match="flights: expected at least 2"):
-        split_by_speed([log_of()])
-    with pytest.raises(TypeError, match="flights: expected a sequence of logs, got one"):
-        split_by_speed(log_of())  # type: ignore[arg-type]  # wrong on purpose
+def test_split_of_several_refuses() -> None:
+    with pytest.raises(ValueError, match="recordings: expected at least 2"):
+        split([log_of()])
+    with pytest.raises(TypeError, match="recordings: expected a sequence of them, got one"):
+        split(log_of())  # type: ignore[arg-type]  # wrong on purpose
     with pytest.raises(ValueError, match="fraction: expected"):
-        split_by_speed([log_of(), log_of()], 1.0)
-    with pytest.raises(ValueError, match="key: expected a finite figure"):
-        split_flights([log_of(), log_of()], key=lambda log: float("nan"))
+        split([log_of(), log_of()], fraction=1.0)
+    with pytest.raises(ValueError, match="by: expected a finite figure"):
+        split([log_of(), log_of()], by=lambda log: float("nan"))
+    with pytest.raises(ValueError, match='by: expected "speed" or a function'):
+        split([log_of(), log_of()], by="height")  # type: ignore[arg-type]  # wrong on purpose

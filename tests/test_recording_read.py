@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import phyfilter_ctl as pf
-from phyfilter_ctl import Recording, learn
+from phyfilter_ctl import Reading, Recording, learn
 from phyfilter_ctl.recording.header import Columns, unit_in, unit_of_time
 
 T = 0.01 * np.arange(300)
@@ -118,9 +118,9 @@ def test_other_things_are_refused():
 
 def test_learn_reads_by_the_same_rules(csv):
     path = csv(table(("Time [ms]", "vx [m/s]", "label_vx"), 1e3 * T, delimiter=";"))
-    found = learn([path], 1, read=lambda file: Recording.read(file, **ONE), wiener=False, workers=1)
+    found = learn([path], 1, reading=Reading(read=lambda file: Recording.read(file, **ONE), workers=1))
     log = Recording.read(path, **ONE)
-    assert found.filter == pf.learn(log, 1, wiener=False).filter
+    assert found.filter == pf.learn(log, 1).filter
 
 
 @pytest.mark.parametrize(

@@ -16,11 +16,10 @@ import pytest
 
 import phyfilter_ctl as pf
 from phyfilter_ctl import PhyFilter, SampledPhyFilter, filterfile
-from phyfilter_ctl.app import Session, handle
+from phyfilter_ctl.app.handling import Session, handle
 from phyfilter_ctl.app.sessions import read_session
 from phyfilter_ctl.cli import main
 from phyfilter_ctl.codegen import CompilerError, export_c, export_target, find_compiler
-from phyfilter_ctl.filterfile import Signals
 from phyfilter_ctl.fmi import Reference, describe, hand_over
 from phyfilter_ctl.recording import Recording
 
@@ -138,10 +137,9 @@ def test_c_and_fmus(sampled: SampledPhyFilter, tmp_path: Path, compiler: None) -
     signals |= {f"f_theta[{i}]": np.zeros(N) for i in range(expected.shape[1])}
     outputs = {f"f_hat[{i}]": expected[:, i] for i in range(expected.shape[1])}
     record = Reference(DT * np.arange(N), signals, outputs)
-    channels = None if sampled.sampling.n_x or sampled.E is not None else 3
-    handed = hand_over(
-        sampled, tmp_path / "road", record, name="road", channels=channels, formats=("C", "FMI 3.0")
-    )
+    if not sampled.sampling.n_x and sampled.E is None:
+        sampled = replace(sampled, sampling=sampled.sampling.told(channels=3))
+    handed = hand_over(sampled, tmp_path / "road", record, name="road", formats=("C", "FMI 3.0"))
     assert not handed.message
     assert handed.worst is not None
     assert handed.worst < ROUNDING
@@ -183,9 +181,10 @@ def test_page_saves_and_sessions_keep_it(sampled: SampledPhyFilter, tmp_path: Pa
 # -- what goes before, and what is refused ------------------------------------------------------------------------
 
 
-def test_an_inertia_of_the_signals_is_in_the_code(tmp_path: Path) -> None:
+def test_an_inertia_noted_in_a_file_is_in_the_code(tmp_path: Path) -> None:
     plain = F.sampled(DT)
-    export_c(plain, tmp_path / "noted", channels=3, signals=Signals(inertia=5.0))
+    filterfile.save(tmp_path / "f.toml", F, inertia=5.0)
+    export_c(filterfile.load(tmp_path / "f.toml", dt=DT), tmp_path / "noted", channels=3)
     export_c(F.sampled(DT, inertia=5.0), tmp_path / "said", channels=3)
     export_c(plain, tmp_path / "given", channels=3, inertia=5.0)
     assert c_files(tmp_path / "noted") == c_files(tmp_path / "said") == c_files(tmp_path / "given")
@@ -196,7 +195,7 @@ def test_an_inertia_that_is_an_input_survives(tmp_path: Path) -> None:
     moving = F.sampled(DT, channels=NAMES, inertia="full")
     assert filterfile.load(saved(moving, tmp_path)) == moving
     export_c(moving, tmp_path / "a")
-    export_c(F.sampled(DT), tmp_path / "b", channels=3, inertia="full", signals=Signals(NAMES))
+    export_c(F.sampled(DT, channels=NAMES), tmp_path / "b", inertia="full")
     assert c_files(tmp_path / "a") == c_files(tmp_path / "b")
     assert pf.sampled_block(moving).input_labels[-1] == "M[2,2]"
 
@@ -211,16 +210,12 @@ def test_what_a_call_is_given_goes_before(tmp_path: Path) -> None:
 
 def test_contradictions_are_refused(tmp_path: Path) -> None:
     said = F.sampled(DT, channels=NAMES, inertia=5.0, units=UNITS)
-    for signals in (Signals(inertia=2.0), Signals(["a", "b", "c"]), Signals(unit_x="mm/s")):
-        for call in (
-            lambda s=signals: export_c(said, tmp_path / "c", signals=s),
-            lambda s=signals: filterfile.save(tmp_path / "f.toml", said, signals=s),
-        ):
-            with pytest.raises(ValueError, match="say it once"):
-                call()
+    for told in ({"channels": ["a", "b", "c"]}, {"units": {"x": "mm/s"}}):
+        with pytest.raises(ValueError, match="say it once"):
+            pf.export_fmu(said, tmp_path / "f.fmu", ports=pf.fmi.FmuPorts(**told))
     for channels in (
         lambda: export_c(said, tmp_path / "c", channels=2),
-        lambda: pf.export_fmu(said, tmp_path / "f.fmu", channels=2),
+        lambda: pf.export_fmu(said, tmp_path / "f.fmu", ports=pf.fmi.FmuPorts(channels=2)),
         lambda: pf.sampled_block(said, 2),
         lambda: pf.phyfilter_block(said, 2),
     ):

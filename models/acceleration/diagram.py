@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import casadi as ca
 import control as ct
 import numpy as np
@@ -18,8 +16,9 @@ from phyfilter_ctl.blocks import (
     phyfilter_block,
 )
 from phyfilter_ctl.filter import PhyFilter, SampledPhyFilter
+from phyfilter_ctl.learned import Windowed
 
-from .differentiator import LeastSquaresSlope, WindowDifferentiator
+from .differentiator import least_squares_slope
 from .params import params
 
 __all__ = ["build", "differentiator_block", "rest_state"]
@@ -32,7 +31,7 @@ _DEFAULT_POLE = -20.0  # rad/s, twice
 
 
 def build(
-    differentiator: WindowDifferentiator | None = None, filter: SampledPhyFilter | None = None
+    differentiator: Windowed | None = None, filter: SampledPhyFilter | None = None
 ) -> ct.InputOutputSystem:
     """The learned differentiator and the PhyFilter that repairs it, as one discrete python-control system.
 
@@ -41,7 +40,7 @@ def build(
 
     Parameters
     ----------
-    differentiator : WindowDifferentiator, optional
+    differentiator : Windowed, optional
         For instance ``compare(...).learned.network``. None: the least-squares slope of a window of 70 ms, a linear
         model that needs no training.
     filter : SampledPhyFilter, optional
@@ -64,8 +63,7 @@ def build(
     if differentiator is None:
         length = params().network.length
         stride = max(1, round(_DEFAULT_SPAN / (filter.dt * (length - 1))))
-        slope = LeastSquaresSlope(length, stride * filter.dt)
-        differentiator = WindowDifferentiator(slope, length, stride)
+        differentiator = Windowed(least_squares_slope(length, stride * filter.dt), length, stride)
     learned = differentiator_block(differentiator, filter.dt)
     repair = phyfilter_block(filter, _AXES, name="phyfilter")
     axes = range(_AXES)
@@ -96,12 +94,12 @@ def build(
     )
 
 
-def differentiator_block(differentiator: WindowDifferentiator, dt: float) -> FunctionBlock:
+def differentiator_block(differentiator: Windowed, dt: float) -> FunctionBlock:
     """A learned differentiator as a discrete block; its states are the past velocities, the newest first.
 
     Parameters
     ----------
-    differentiator : WindowDifferentiator
+    differentiator : Windowed
     dt : float
         Sampling interval, s.
 
@@ -112,7 +110,7 @@ def differentiator_block(differentiator: WindowDifferentiator, dt: float) -> Fun
 
     Examples
     --------
-    >>> block = differentiator_block(WindowDifferentiator(LeastSquaresSlope(4, 0.02), 4, 10), 0.002)
+    >>> block = differentiator_block(Windowed(least_squares_slope(4, 0.02), 4, 10), 0.002)
     >>> block.nstates
     90
     """
@@ -121,9 +119,7 @@ def differentiator_block(differentiator: WindowDifferentiator, dt: float) -> Fun
     p = ca.SX(0, 1)
     past = ca.vertcat(u, x)
     window = [past[_AXES * lag : _AXES * (lag + 1)] for lag in range(0, reach + 1, stride)]
-    # The features of WindowDifferentiator: the newest velocity, then the steps back.
-    steps = [newer - older for newer, older in pairwise(window)]
-    prediction = differentiator.model.casadi()(ca.vertcat(window[0], *steps))
+    prediction = differentiator.casadi()(ca.vertcat(*window))
     functions = BlockFunctions(
         tuple(Variable(f"past[{j},{i}]", unit="m/s") for j in range(1, reach + 1) for i in range(_AXES)),
         tuple(Variable(f"v[{i}]", unit="m/s") for i in range(_AXES)),

@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyfilter_ctl.baselines import BASELINES, TunableDifferentiator, TuneResult, tune
-from phyfilter_ctl.recording import Recording, split_by_speed
+from phyfilter_ctl.learned import Network, Windowed
+from phyfilter_ctl.recording import Recording, split
 from phyfilter_ctl.study import Report, silent
 
-from .differentiator import WindowDifferentiator, counted, labels, stride_of, train
+from .differentiator import counted, labels, stride_of, train
 from .flights import generate
 from .linear import Linear, fit_linear
 from .params import params
@@ -70,7 +71,7 @@ class Learned:
 
     Attributes
     ----------
-    network : WindowDifferentiator
+    network : Windowed
         Trained on all training flights.
     filters : dict of int to TunedFilter
         By order.
@@ -82,7 +83,7 @@ class Learned:
         The faster training flights with the twin network's estimate: what the filters were tuned on.
     """
 
-    network: WindowDifferentiator
+    network: Windowed[Network]
     filters: Mapping[int, TunedFilter]
     span: float
     span_rmse: Mapping[float, float]
@@ -222,7 +223,7 @@ def fit_learned(
     chosen = params().network
     iterations = chosen.iterations if effort.iterations is None else effort.iterations
     choice = chosen.choice_iterations if effort.choice_iterations is None else effort.choice_iterations
-    slower, faster = split_by_speed(train_logs, params().filter.slower)
+    slower, faster = split(train_logs, fraction=params().filter.slower)
     strides = {span: stride_of(span, dt) for span in chosen.spans}
     every = max(1, round(chosen.choice_interval / dt))
     by_stride: dict[int, float] = {}

@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.design.adjoint import Adam, train
-from phyfilter_ctl.design.learning import LearnEvent, LearnResult, learn
+from phyfilter_ctl import PhyFilter, Search, Status
+from phyfilter_ctl.design import Adam, LearnEvent, LearnResult, learn, train
 from phyfilter_ctl.recording import Recording
-from phyfilter_ctl.results import Status
 from phyfilter_ctl.study import Report
 
 from .differentiator import counted
@@ -84,7 +82,7 @@ def learn_filters(cases: Sequence[Case], orders: Sequence[int]) -> dict[tuple[in
     logs = [case.log.with_signals(f_theta=case.f_theta) for case in cases]
     weights = [np.where(np.arange(log.n) < counted(log).start, 0.0, 1.0) for log in logs]
     forms: tuple[Form, ...] = ("lowpass", "general")
-    return {(n, form): learn(logs, n, form=form, weights=weights) for n in orders for form in forms}
+    return {(n, form): learn(logs, n, weights=weights, shape=form) for n in orders for form in forms}
 
 
 def convergence(
@@ -178,7 +176,7 @@ def _by_learning(logs: Sequence[Recording], start: PhyFilter, dt: float) -> Desc
             points.append((time.perf_counter() - begun, event.cost))
 
     begun = time.perf_counter()
-    result = learn(logs, start.order, start=start, starts=0, wiener=False, callback=note)
+    result = learn(logs, start.order, search=Search(start=start, starts=0, callback=note))
     # A low-pass filter of lower order may come back, and then it is the answer.
     points.append((time.perf_counter() - begun, result.cost))
     return _descent(start, _rmse(start, logs, dt), points, result.status)
@@ -200,11 +198,8 @@ def _by_adam(logs: Sequence[Recording], start: PhyFilter, dt: float, rate: float
         start,
         form="lowpass",
         segment=steps,
-        batch=chosen.batch,
-        optimiser=Adam(rate=rate),
+        optimiser=Adam(rate, batch=chosen.batch, patience=_ENDLESS, max_epochs=_ENDLESS),
         validation=0.0,
-        patience=_ENDLESS,
-        max_epochs=_ENDLESS,
         callback=note,
     )
     return _descent(start, _rmse(start, logs, dt), points, result.status)

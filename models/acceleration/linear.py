@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from phyfilter_ctl import stack
-from phyfilter_ctl.design.learning import LearnResult, learn
+from phyfilter_ctl import Search, stack
+from phyfilter_ctl.design import LearnResult, learn
 from phyfilter_ctl.filter import FilterBank, PhyFilter
-from phyfilter_ctl.recording import Recording, split_by_speed
+from phyfilter_ctl.learned import Network, Windowed
+from phyfilter_ctl.recording import Recording, split
 
-from .differentiator import WindowDifferentiator, counted, labels, train
+from .differentiator import counted, labels, train
 from .params import params
 from .tuning import Case, filtered, rmse
 
@@ -65,7 +66,7 @@ class SlopeFIR:
     @classmethod
     def chosen(cls, logs: Sequence[Recording], lengths: Sequence[int], *, by_axis: bool = False) -> SlopeFIR:
         """Of the length that errs least on the faster flights, fitted to the slower ones; then fitted to all."""
-        slower, faster = split_by_speed(logs, params().filter.slower)
+        slower, faster = split(logs, fraction=params().filter.slower)
         errors = {
             length: rmse([fir.estimate(log) for log in faster], faster)
             for length in lengths
@@ -103,7 +104,7 @@ class Linear:
     axes : FilterBank
         One filter each, of the same order.
     fir, fir_axes : SlopeFIR
-    after : WindowDifferentiator
+    after : Windowed
         A network for what the shared filter leaves.
     """
 
@@ -111,7 +112,7 @@ class Linear:
     axes: FilterBank
     fir: SlopeFIR
     fir_axes: SlopeFIR
-    after: WindowDifferentiator
+    after: Windowed[Network]
 
     def estimates(self, logs: Sequence[Recording], dt: float) -> dict[str, list[FloatArray]]:
         """Acceleration (N, n_x) of each flight, by method."""
@@ -144,20 +145,14 @@ def fit_linear(logs: Sequence[Recording], dt: float, *, stride: int, seed: int, 
     with warnings.catch_warnings():
         # Slow and fast flights do; what that costs is what the comparison shows.
         warnings.filterwarnings("ignore", "flights disagree", UserWarning)
-        result = learn(
-            bare, chosen.orders, form="general", wiener=False, intervals=False, starts=chosen.starts
-        )
+        result = learn(bare, chosen.orders, shape="general", search=Search(starts=chosen.starts))
         axes = [
             learn(
                 bare,
                 result.filter.order,
-                form="general",
                 channels=[i],
-                start=result.filter,
-                starts=0,
-                wiener=False,
-                cross_validate=False,
-                intervals=False,
+                shape="general",
+                search=Search(start=result.filter, starts=0, cross_validate=False),
             ).filter
             for i in range(bare[0].n_x)
         ]

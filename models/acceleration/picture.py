@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 from numpy.typing import NDArray
 
+from phyfilter_ctl import Status
 from phyfilter_ctl.plots import PAGE, dress, letter_panels
 from phyfilter_ctl.recording import Recording
-from phyfilter_ctl.results import Status
 
 from .differentiator import counted, labels
 from .experiment import Comparison

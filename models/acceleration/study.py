@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.design.learning import LearnResult
+from phyfilter_ctl.design import LearnResult
 from phyfilter_ctl.recording import Recording
 from phyfilter_ctl.study import Report
 

@@ -9,9 +9,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from phyfilter_ctl import study
-from phyfilter_ctl.results import Status
-from phyfilter_ctl.study import Executor, Interval, Report, Scores, TunedMethod, score_methods, silent
+from phyfilter_ctl import Status, study
+from phyfilter_ctl.results import Interval
+from phyfilter_ctl.study import Executor, Report, Scores, TunedMethod, score_methods, silent
 
 from .experiment import Backend, Flights, Score, fly
 from .methods import METHODS, Method, MethodName

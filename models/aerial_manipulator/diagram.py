@@ -17,7 +17,6 @@ import control as ct
 import numpy as np
 
 from phyfilter_ctl.blocks import FunctionBlock, delay_line, learned_block, sampled_block, signal_names, wired
-from phyfilter_ctl.controllers import known_force, known_torque
 from phyfilter_ctl.plants import Columns, plant
 from phyfilter_ctl.plants.algebra import Array
 from phyfilter_ctl.plants.factory import Results
@@ -40,9 +39,7 @@ from .vehicle import (
     NOISES,
     SHOWN,
     level_thrusts,
-    nominal_inertia,
-    nominal_mass,
-    steps_of_delay,
+    nominal,
     vehicle_part,
 )
 
@@ -64,7 +61,7 @@ def momenta() -> FunctionBlock:
         states={},
         inputs={"v": (np.zeros(3), "m/s"), "omega": (np.zeros(3), "rad/s")},
         outputs={"linear": "kg m/s", "angular": "N m s"},
-        params={"mass": (nominal_mass(), "kg"), "J": (nominal_inertia(), "kg m^2")},
+        params={"mass": (nominal().mass, "kg"), "J": (nominal().J, "kg m^2")},
     )
 
 
@@ -180,29 +177,10 @@ def filter_part(method: Method, seer: Seer | None = None) -> ct.InterconnectedSy
 
 def priors() -> list[ct.InputOutputSystem]:
     """The known force and torque."""
-    vehicle, dt = params().vehicle, params().sampling.dt
+    dt = params().sampling.dt
     return [
-        known_force(
-            mass=nominal_mass(),
-            gravity=vehicle.gravity,
-            drag=vehicle.drag,
-            motor_lag=vehicle.motor_lag,
-            rotor_max=vehicle.rotor_max,
-            delay_steps=steps_of_delay(),
-            dt=dt,
-            name="prior",
-        ),
-        known_torque(
-            J=nominal_inertia(),
-            arm=vehicle.rotor_arm,
-            torque_ratio=vehicle.torque_ratio,
-            motor_lag=vehicle.motor_lag,
-            rotor_max=vehicle.rotor_max,
-            trim=trim_torque(),
-            start=level_thrusts(),
-            delay_steps=steps_of_delay(),
-            dt=dt,
-        ),
+        nominal().known_force(dt),
+        nominal().known_torque(dt, trim=trim_torque(), start=level_thrusts()),
     ]
 
 
@@ -237,31 +215,17 @@ def build(
     method = Method("observer", 2.0, 4.0, 12.0) if method is None else method
     vehicle, controller = vehicle_part(), controller_part(method, probed=probed)
     estimator = filter_part(method, seer)
-    wires = {f"controller.{name}": f"vehicle.{name}" for name in MEASURED[:4]}
-    wires |= {f"vehicle.{name}": f"controller.{name}" for name in ("thrust", "joint_ref", "joint_rate_ref")}
-    outputs = {name: f"vehicle.{name}" for name in (*SHOWN, "wind", *MEASURED)}
+    signals = {name: f"vehicle.{name}" for name in (*SHOWN, "wind", *MEASURED)}
     commands = ("F", "thrust", "joint_ref", "joint_rate_ref", *(["tau"] if probed else []))
-    outputs |= {name: f"controller.{name}" for name in commands}
+    signals |= {name: f"controller.{name}" for name in commands}
     systems: list[ct.InputOutputSystem] = [vehicle, controller]
     if estimator is not None:
         systems.append(estimator)
-        known = signal_names(estimator.input_labels)
-        wires |= {f"controller.{name}": f"estimator.{name}" for name in ("f_hat", "tau_hat")}
-        wires |= {f"estimator.{name}": f"controller.{name}" for name in ("F", "thrust") if name in known}
-        wires |= {f"estimator.{name}": f"vehicle.{name}" for name in MEASURED if name in known}
-        outputs |= {name: f"estimator.{name}" for name in signal_names(estimator.output_labels)}
-    else:
-        systems.append(nothing("no_estimate"))
-        wires |= dict.fromkeys(("controller.f_hat", "controller.tau_hat"), "no_estimate.zero")
+        signals |= {name: f"estimator.{name}" for name in signal_names(estimator.output_labels)}
     return wired(
         systems,
-        wires,
-        inputs={
-            **{name: f"controller.{name}" for name in REFERENCES},
-            "taken": "vehicle.taken",
-            **{name: f"vehicle.{name}" for name in NOISES},
-            **({name: f"controller.{name}" for name in ("d_F", "d_tau")} if probed else {}),
-        },
-        outputs=outputs,
+        signals,
+        inputs=[*REFERENCES, "taken", *NOISES, *(["d_F", "d_tau"] if probed else [])],
+        outputs=[*signals],
         name="aerial_manipulator",
     )

@@ -21,7 +21,7 @@ from .methods import Method
 from .mission import Reference, reference
 from .params import Mission, params
 from .seer import Seer
-from .vehicle import nominal_inertia, nominal_mass
+from .vehicle import nominal
 
 __all__ = [
     "ESTIMATED",
@@ -79,8 +79,8 @@ def unknown(signals: Mapping[str, FloatArray]) -> tuple[Unknown, Unknown]:
     force = signals["f_coupling"] + signals["f_payload"] + signals["f_wind"]
     torque = signals["tau_coupling"] + signals["tau_payload"] - trim_torque()
     return (
-        Unknown(nominal_mass() * signals["v_m"], signals["g"], force),
-        Unknown(nominal_inertia() * signals["omega_m"], signals["g_tau"], torque),
+        Unknown(nominal().mass * signals["v_m"], signals["g"], force),
+        Unknown(np.array(nominal().J) * signals["omega_m"], signals["g_tau"], torque),
     )
 
 
@@ -250,6 +250,6 @@ def fly(
         max_step=params().sampling.max_step,
         interpolation="hold",
         backend=backend,
-        workers=workers,
+        limits={"workers": workers},
     )
     return Flights(method, seeds, mission, goals, *flight_signals(runs, seeds, keep))

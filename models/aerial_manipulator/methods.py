@@ -16,11 +16,12 @@ from typing import Literal, get_args
 import numpy as np
 
 from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.controllers import AttitudeGains, attitude_gains
+from phyfilter_ctl.controllers import AttitudeGains
 
 from .params import params
+from .vehicle import nominal
 
-__all__ = ["METHODS", "NAMES", "Method", "MethodName", "late"]
+__all__ = ["METHODS", "NAMES", "Method", "MethodName"]
 
 MethodName = Literal["baseline", "integral", "seer", "observer", "phyfilter"]
 METHODS: tuple[MethodName, ...] = get_args(MethodName)
@@ -129,16 +130,6 @@ class Method:
         return PhyFilter.from_poles([-self.torque_bandwidth])
 
 
-def late() -> float:
-    """Seconds by which commands reach the rotors late: a held command acts half a sample later on average."""
-    return params().vehicle.delay + 0.5 * params().sampling.dt
-
-
 @lru_cache(maxsize=128)
 def _attitude(margin: float) -> AttitudeGains:
-    return attitude_gains(
-        motor_lag=params().vehicle.motor_lag,
-        delay=late(),
-        sharpness=params().tuning.sharpness,
-        modulus_margin=margin,
-    )
+    return nominal().gains(params().sampling.dt, sharpness=params().tuning.sharpness, modulus_margin=margin)

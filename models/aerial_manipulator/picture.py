@@ -85,7 +85,7 @@ def draw_turning(found: Turning) -> Figure:
     axes = figure.add_subplot()
     for k, (name, colour) in enumerate(COLOURS.items()):
         errors = [found.scores.interval(case, name, "mean") for case in cases]
-        middle = 100.0 * np.array([v.median for v in errors])
+        middle = 100.0 * np.array([v.value for v in errors])
         spread = np.abs(100.0 * np.array([[v.low, v.high] for v in errors]).T - middle)
         x = np.arange(len(cases)) + 0.08 * (k - 2)
         axes.errorbar(

@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from phyfilter_ctl.results import Status, plain
+from phyfilter_ctl import Status
+from phyfilter_ctl.results import plain
 
 from .comparison import Comparison
 from .experiment import Score
@@ -203,7 +204,7 @@ def figures(comparison: Comparison) -> dict[str, object]:
             if over in comparison.methods:
                 reduction = comparison.reduction(over)
                 found[f"reduction_vs_{over}_pct"] = {
-                    part: [value.median, value.low, value.high]
+                    part: [value.value, value.low, value.high]
                     for part, value in (("mean", reduction.mean), ("variance", reduction.variance))
                 }
     return found

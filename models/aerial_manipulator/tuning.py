@@ -43,7 +43,7 @@ from .experiment import Flights, fly
 from .methods import METHODS, Method, MethodName
 from .params import params
 from .seer import Seer
-from .vehicle import nominal_mass
+from .vehicle import nominal
 
 __all__ = ["PATH", "jitter", "modulus_margin", "steps", "text", "tune", "tune_all", "tuned"]
 
@@ -71,7 +71,7 @@ def jitter(flights: Flights) -> float:
     flights : Flights
         With ``thrust`` kept.
     """
-    hover = 0.25 * nominal_mass() * params().vehicle.gravity
+    hover = nominal().hover
     return command_jitter(flights.signals["thrust"][:, flights.time >= flights.mission.left_out], hover)
 
 

@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from phyfilter_ctl.results import plain
-from phyfilter_ctl.study import Executor, Interval, Report, Scores, score_methods, silent
+from phyfilter_ctl.results import Interval, plain
+from phyfilter_ctl.study import Executor, Report, Scores, score_methods, silent
 
 from .experiment import Backend, fly
 from .methods import METHODS, NAMES, MethodName
@@ -138,7 +138,7 @@ def figures(found: Turning) -> dict[str, object]:
     """
     cases = list(dict.fromkeys(case for case, _ in found.scores))
     medians = {
-        case: {name: 100.0 * found.scores.interval(case, name, "mean").median for name in METHODS}
+        case: {name: 100.0 * found.scores.interval(case, name, "mean").value for name in METHODS}
         for case in cases
     }
     gains = {case: {over: vars(found.reduction(case, over)) for over in _OVER} for case in cases}

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import control as ct
 import numpy as np
 from numpy.typing import NDArray
 
 from phyfilter_ctl.blocks import FunctionBlock, delay_line, wired
+from phyfilter_ctl.controllers import Multirotor
 from phyfilter_ctl.plants import (
     Columns,
     Plant,
@@ -27,9 +30,7 @@ __all__ = [
     "NOISES",
     "SHOWN",
     "level_thrusts",
-    "nominal_inertia",
-    "nominal_mass",
-    "steps_of_delay",
+    "nominal",
     "vehicle_part",
 ]
 
@@ -45,20 +46,22 @@ SHOWN = ("r", "v", "q", "omega", "r_e", "f_coupling", "f_payload", "f_wind", "ta
 """Outputs of the vehicle that are the truth."""
 
 
-def steps_of_delay() -> int:
-    """Samples between a command and the rotors."""
-    return round(params().vehicle.delay / params().sampling.dt)
-
-
-def nominal_mass() -> float:
-    """Platform and arm, kg."""
-    return params().vehicle.mass + arm().mass
-
-
-def nominal_inertia() -> FloatArray:
-    """Diagonal of the inertia of platform and arm at home about the platform's centre of mass, kg m^2."""
-    own = np.asarray(arm().inertia(arm().home), dtype=float)
-    return np.array(params().vehicle.inertia) + np.diag(own)
+@lru_cache(maxsize=1)
+def nominal() -> Multirotor:
+    """What controllers and filters take the vehicle for: platform and arm, rigid and at home."""
+    values = params().vehicle
+    own = np.asarray(arm().inertia(arm().home), dtype=float)  # about the platform's centre of mass
+    return Multirotor(
+        mass=values.mass + arm().mass,
+        J=np.array(values.inertia) + np.diag(own),
+        arm=values.rotor_arm,
+        torque_ratio=values.torque_ratio,
+        motor_lag=values.motor_lag,
+        rotor_max=values.rotor_max,
+        drag=values.drag,
+        gravity=values.gravity,
+        delay=values.delay,
+    )
 
 
 def level_thrusts() -> FloatArray:
@@ -79,10 +82,8 @@ def manipulator() -> Plant:
         drag=values.drag,
         gravity=values.gravity,
         rotor_max=values.rotor_max,
-        servo_bandwidth=values.servo_bandwidth,
-        servo_damping=values.servo_damping,
-        nominal_mass=nominal_mass(),
-        nominal_J=nominal_inertia(),
+        servo=(values.servo_bandwidth, values.servo_damping),
+        nominal=(nominal().mass, nominal().J),
         name="manipulator",
     )
 
@@ -138,19 +139,16 @@ def vehicle_part() -> ct.InterconnectedSystem:
     dt = params().sampling.dt
     delay = delay_line(
         [f"thrust[{i}]" for i in range(4)],
-        steps_of_delay(),
+        nominal().delay_steps(dt),
         dt,
         name="delay",
         start=level_thrusts(),
         unit="N",
     )
-    measured = ("r", "v", "q", "omega", "joint", "joint_rate")
-    wires = {
-        "manipulator.thrust": "delay.thrust_delayed",
-        "manipulator.payload": "load.payload",
-        "manipulator.wind": "wind.wind",
-        "wind.r": "manipulator.r",
-        **{f"sensors.{name}": f"manipulator.{name}" for name in measured},
+    signals = {name: f"manipulator.{name}" for name in (*SHOWN, "joint", "joint_rate")}
+    signals |= {name: f"sensors.{name}" for name in MEASURED} | {
+        "wind": "wind.wind",
+        "payload": "load.payload",
     }
     inputs = {
         "thrust": "delay.thrust",
@@ -162,12 +160,8 @@ def vehicle_part() -> ct.InterconnectedSystem:
     }
     return wired(
         [delay, manipulator(), load(), wind(), sensors_part()],
-        wires,
+        signals | {"manipulator.thrust": "delay.thrust_delayed"},
         inputs=inputs,
-        outputs={
-            **{name: f"sensors.{name}" for name in MEASURED},
-            **{name: f"manipulator.{name}" for name in SHOWN},
-            "wind": "wind.wind",
-        },
+        outputs=[*MEASURED, *SHOWN, "wind"],
         name="vehicle",
     )

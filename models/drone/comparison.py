@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from phyfilter_ctl import study
 from phyfilter_ctl.learned import Chebyshev
+from phyfilter_ctl.results import Interval
 from phyfilter_ctl.simulation import BackendChoice
-from phyfilter_ctl.study import Executor, Interval, Report, Scores, TunedMethod, score_methods, silent
+from phyfilter_ctl.study import Executor, Report, Scores, TunedMethod, score_methods, silent
 
 from . import reference
 from .experiment import Flights, Score, fly

@@ -22,12 +22,14 @@ from numpy.typing import ArrayLike, NDArray
 from phyfilter_ctl.blocks import Variable, signal_names
 from phyfilter_ctl.diagram import FlatModel, flatten
 from phyfilter_ctl.fmi import (
-    CutDiagram,
+    FmuExperiment,
     FmuSolver,
+    Master,
+    System,
+    Wire,
     cosimulate,
     cut_diagram,
     export_fmu,
-    late_wires,
     write_ssp,
 )
 from phyfilter_ctl.learned import Chebyshev
@@ -37,6 +39,7 @@ from phyfilter_ctl.study import flight_signals, unit_noise
 from .diagram import MEASURED, NOISES, build
 from .experiment import start_state
 from .flights import Scenario, conditions, timepts
+from .late_wires import late_wires
 from .methods import Method
 from .params import params
 
@@ -220,7 +223,7 @@ def _owner(loop: ct.InterconnectedSystem, signal: str) -> str:
     return next(b.name for b in loop.syslist if signal in signal_names(b.output_labels))
 
 
-def _cut(cut: Cut, method: Method, model: Chebyshev | None) -> CutDiagram:
+def _cut(cut: Cut, method: Method, model: Chebyshev | None) -> System:
     if "body" in cut.parts:
         apart = build(method, model, delay_apart=True)
         return cut_diagram(apart, {"body": ["vehicle"], "computer": ["controller", "estimator", "late"]})
@@ -259,30 +262,26 @@ class _Flight:
             raise RuntimeError(f"the flight fails: {response.message}")
         return {name: values[0] for name, values in signals.items()}
 
-    def write(self, cut: CutDiagram, path: Path, fmi: Fmi, signals: Mapping[str, FloatArray]) -> None:
+    def write(self, cut: System, path: Path, fmi: Fmi, signals: Mapping[str, FloatArray]) -> None:
         """The package of a cut; what this flight draws, and the first signals, are start values of the FMUs."""
         first = {f"{name}[{i}]": value for name, rows in signals.items() for i, value in enumerate(rows[0])}
-        solver = FmuSolver(step=params().sampling.max_step)
+        experiment = FmuExperiment(solver=FmuSolver(step=params().sampling.max_step))
         with tempfile.TemporaryDirectory(prefix="phyfilter-") as folder:
             files = {name: Path(folder, f"{name}.fmu") for name in cut.parts}
+            wires = [wire for wire in cut.connections if isinstance(wire, Wire)]
             for name, part in cut.parts.items():
+                assert isinstance(part, ct.InputOutputSystem)
                 ends = (
                     (wire.sink.partition(".")[2], wire.source.partition(".")[2])
-                    for wire in cut.wires
+                    for wire in wires
                     if wire.sink.startswith(f"{name}.")
                 )
                 inputs = {sink: first[source] for sink, source in ends if source in first}
                 flat = _started(flatten(part), inputs, start_state(), self.settings)
-                export_fmu(flat, files[name], fmi=fmi, kinds=("cs",), name=name, solver=solver)
-            write_ssp(
-                path,
-                files,
-                cut.wires,
-                name="drone",
-                inputs=cut.inputs,
-                outputs={f"r[{i}]": cut.outputs[f"r[{i}]"] for i in _AXES},
-                stop_time=float(self.time[-1]),
-            )
+                export_fmu(flat, files[name], fmi=fmi, kinds=("cs",), name=name, experiment=experiment)
+            outputs = {f"r[{i}]": cut.outputs[f"r[{i}]"] for i in _AXES}
+            packed = replace(cut, parts=files, outputs=outputs)
+            write_ssp(packed, path, name="drone", stop_time=float(self.time[-1]))
 
     def cosimulated(self, cut: Cut, package: Path) -> FloatArray:
         """Positions (N, 3)."""
@@ -295,10 +294,9 @@ class _Flight:
             given[ahead, :-1] = self.noise[ahead, 1:]
         response = cosimulate(
             package,
-            timepts=self.time,
+            self.time,
             inputs=dict(zip(names, given, strict=True)),
-            scheme=cut.scheme,
-            order=cut.parts if cut.scheme == "gauss-seidel" else None,
+            master=Master(scheme=cut.scheme, order=cut.parts if cut.scheme == "gauss-seidel" else None),
         )
         return np.asarray(response.outputs).T
 

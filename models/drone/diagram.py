@@ -11,23 +11,24 @@ x = m v,  m v' = g + f:  g = the thrust that acts - m g e_z - R D R' v,  f = f_m
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import control as ct
 import numpy as np
 
-from phyfilter_ctl.blocks import FunctionBlock, SampledBlock, delay_line, signal_names, wired
-from phyfilter_ctl.controllers import attitude_controller, attitude_gains, known_force, position_controller
+from phyfilter_ctl.blocks import FunctionBlock, delay_line, signal_names, wired
+from phyfilter_ctl.controllers import Multirotor
 from phyfilter_ctl.learned import Chebyshev
-from phyfilter_ctl.plants import Columns, Plant, Sensor, plant, quadrotor, sensors, wind_field
-from phyfilter_ctl.plants.algebra import Array, rotate
+from phyfilter_ctl.plants import Columns, Plant, Sensor, circle, plant, rotate, sensors, wind_field
+from phyfilter_ctl.plants.algebra import Array
 from phyfilter_ctl.plants.factory import Results
 
 from .events import with_events
-from .methods import Method, estimator, filter_of, seer_block
+from .methods import Method, estimator, seer_block
 from .params import params
-from .payload import nothing, payload_systems
-from .reference import circle
+from .payload import payload_systems
 
-__all__ = ["MEASURED", "NOISES", "build", "controller_part", "filter_part", "steps_of_delay", "vehicle_part"]
+__all__ = ["MEASURED", "NOISES", "build", "controller_part", "filter_part", "multirotor", "vehicle_part"]
 
 NOISES = ("n_r", "n_v", "n_q", "n_omega", "n_a", "n_wind")
 """Inputs of three entries each: unit white noise of the sensors and of the wind."""
@@ -36,9 +37,20 @@ MEASURED = ("r_m", "v_m", "q_m", "omega_m", "a_m")
 """What the sensors give."""
 
 
-def steps_of_delay() -> int:
-    """Samples between a command and the rotors."""
-    return round(params().vehicle.delay / params().sampling.dt)
+def multirotor() -> Multirotor:
+    """The vehicle of ``params.toml``."""
+    values = params().vehicle
+    return Multirotor(
+        mass=values.mass,
+        J=values.inertia,
+        arm=values.arm,
+        torque_ratio=values.torque_ratio,
+        motor_lag=values.motor_lag,
+        rotor_max=values.rotor_max,
+        drag=values.drag,
+        gravity=values.gravity,
+        delay=values.delay,
+    )
 
 
 def sensors_part() -> Plant:
@@ -126,21 +138,6 @@ def acceleration_feature(period: float) -> FunctionBlock:
     )
 
 
-def quadrotor_plant() -> FunctionBlock:
-    """The vehicle of ``params.toml``."""
-    values = params().vehicle
-    return quadrotor(
-        mass=values.mass,
-        J=values.inertia,
-        arm=values.arm,
-        torque_ratio=values.torque_ratio,
-        motor_lag=values.motor_lag,
-        drag=values.drag,
-        gravity=values.gravity,
-        rotor_max=values.rotor_max,
-    )
-
-
 def wind() -> FunctionBlock:
     """The fan of ``params.toml``, switched off: speed, directions and turbulence are drawn per flight."""
     values, mission = params().wind, params().mission
@@ -156,15 +153,6 @@ def wind() -> FunctionBlock:
     )
 
 
-def thrust_delay(steps: int, name: str = "delay") -> SampledBlock:
-    """Commands that reach the rotors some samples late, hovering until the first has come through."""
-    labels, hover = (
-        [f"thrust[{i}]" for i in range(4)],
-        0.25 * params().vehicle.mass * params().vehicle.gravity,
-    )
-    return delay_line(labels, steps, params().sampling.dt, name=name, start=hover, unit="N")
-
-
 def vehicle_part(*, delayed: bool = True, events: bool = False) -> ct.InterconnectedSystem:
     """What flies: delay of the commands, vehicle, wind and sensors.
 
@@ -175,59 +163,35 @@ def vehicle_part(*, delayed: bool = True, events: bool = False) -> ct.Interconne
     events : bool
         Whether the vehicle has the parameters of :func:`~.events.with_events`.
     """
-    delay = [thrust_delay(steps_of_delay())] if delayed else []
-    wires = {
-        "wind.r": "quadrotor.r",
-        "quadrotor.wind": "wind.wind",
-        **({"quadrotor.thrust": "delay.thrust_delayed"} if delayed else {}),
-    }
+    drone, dt = multirotor(), params().sampling.dt
+    delay = [drone.thrust_delay(dt)] if delayed else []
+    signals = {name: f"quadrotor.{name}" for name in ("r", "v", "q", "omega", "a", "f_mass", "f_wind")}
+    signals |= {name: f"sensors.{name}" for name in MEASURED} | {"wind": "wind.wind"}
     return wired(
-        [*delay, with_events(quadrotor_plant()) if events else quadrotor_plant(), wind(), sensors_part()],
-        wires | {f"sensors.{name}": f"quadrotor.{name}" for name in ("r", "v", "q", "omega", "a")},
+        [*delay, with_events(drone.plant()) if events else drone.plant(), wind(), sensors_part()],
+        signals | ({"quadrotor.thrust": "delay.thrust_delayed"} if delayed else {}),
         inputs={"thrust": "delay.thrust" if delayed else "quadrotor.thrust", "n_wind": "wind.noise"}
         | {name: f"sensors.{name}" for name in NOISES if name != "n_wind"},
-        outputs={name: f"sensors.{name}" for name in MEASURED}
-        | {name: f"quadrotor.{name}" for name in ("r", "v", "q", "f_mass", "f_wind")}
-        | {"wind": "wind.wind"},
+        outputs=[*MEASURED, "r", "v", "q", "f_mass", "f_wind", "wind"],
         name="vehicle",
     )
 
 
 def controller_part(method: Method) -> ct.InterconnectedSystem:
     """What tracks: reference, outer loop and attitude loop."""
-    vehicle, dt = params().vehicle, params().sampling.dt
+    drone, dt = multirotor(), params().sampling.dt
     kp, kd, ki = method.gains
-    # A held command acts half a sample later on average.
-    late = vehicle.delay + 0.5 * dt
-    gains = attitude_gains(motor_lag=vehicle.motor_lag, delay=late, sharpness=params().tuning.sharpness)
-    position = position_controller(
-        mass=vehicle.mass,
-        gravity=vehicle.gravity,
-        drag=vehicle.drag,
-        drag_lead=gains.kw[0] / gains.kR[0],  # the attitude loop's lag
-        kp=kp,
-        kd=kd,
-        ki=ki,
-        dt=dt,
-    )
-    attitude = attitude_controller(
-        mass=vehicle.mass,
-        J=vehicle.inertia,
-        arm=vehicle.arm,
-        torque_ratio=vehicle.torque_ratio,
-        gravity=vehicle.gravity,
-        rotor_max=vehicle.rotor_max,
-        kR=gains.kR,
-        kw=gains.kw,
-        motor_lag=vehicle.motor_lag,
-        lead_filter=gains.lead_filter,
-        delay=late,
-        dt=dt,
-    )
-    wires = {f"position.{name}": f"reference.{name}" for name in ("r_ref", "v_ref", "a_ref")}
+    gains = drone.gains(dt, sharpness=params().tuning.sharpness)
+    position = drone.position(dt, kp=kp, kd=kd, ki=ki, gains=gains)
+    # Half a sample earlier than the default, as it was when all methods were tuned.
+    lead = drone.motor_lag + (drone.delay + 0.5 * dt) + 0.5 * dt
+    attitude = drone.attitude(dt, gains=gains, thrust_lead=lead)
+    values = params().mission
+    reference = circle(radius=values.radius, speed=values.speed, height=values.height, ramp=values.ramp)
+    signals = {name: f"reference.{name}" for name in ("r_ref", "v_ref", "a_ref", "j_ref")}
     return wired(
-        [circle(), position, attitude],
-        wires | {"attitude.j_ref": "reference.j_ref", "attitude.F": "position.F"},
+        [reference, position, attitude],
+        signals | {"F": "position.F", "thrust": "attitude.thrust"},
         inputs={
             "r_m": "position.r",
             "v_m": "position.v",
@@ -235,12 +199,7 @@ def controller_part(method: Method) -> ct.InterconnectedSystem:
             "omega_m": "attitude.omega",
             "f_hat": "position.f_hat",
         },
-        outputs={
-            "F": "position.F",
-            "thrust": "attitude.thrust",
-            "r_ref": "reference.r_ref",
-            "v_ref": "reference.v_ref",
-        },
+        outputs=["F", "thrust", "r_ref", "v_ref"],
         name="controller",
     )
 
@@ -263,23 +222,13 @@ def filter_part(
     ValueError
         If the method needs a model and none is given.
     """
-    vehicle, dt = params().vehicle, params().sampling.dt
+    dt = params().sampling.dt
     block = estimator(method)
     if block is None and not method.uses_seer:
         return None
-    known = known_force(
-        mass=vehicle.mass,
-        gravity=vehicle.gravity,
-        drag=vehicle.drag,
-        motor_lag=vehicle.motor_lag,
-        rotor_max=vehicle.rotor_max,
-        delay_steps=steps_of_delay(),
-        kind=method.known,
-        dt=dt,
-        name="prior",
-    )
+    known = multirotor().known_force(dt, kind=method.known)
     systems: list[ct.InputOutputSystem] = [momentum(), known if prior is None else prior]
-    wires: dict[str, str] = {}
+    signals = {"g": "prior.g"}
     velocity, attitude, felt = ["momentum.v", "prior.v"], ["prior.q"], None
     outputs = {"g": "prior.g"}
     if method.uses_seer:
@@ -293,41 +242,30 @@ def filter_part(
             acceleration_feature(steps * dt),
             seer_block(method, model),
         ]
-        wires |= {
-            "history.v_before": "past.v_delayed",
-            "seer.z": "history.z",
-            "seer.x": "momentum.x",
-            "seer.g": "prior.g",
-        }
+        signals |= {"history.v_before": "past.v_delayed", "z": "history.z", "f_theta": "seer.f_theta"}
         velocity += ["past.v", "history.v"]
-        outputs |= {"f_theta": "seer.f_theta"}
+        outputs |= {"f_theta": "f_theta"}
     if block is not None:
         systems.append(block)
         outputs |= {"f_hat": "filter.f_hat"}
         if method.name == "indi":
-            felt, wires = "filter", wires | {"filter.g": "prior.g"}
+            felt = "filter"
         elif method.name == "accelerometer":
             systems.append(measured_force())
             felt = "measured"
-            wires |= {"measured.g": "prior.g", "filter.g": "measured.g", "filter.x": "measured.x"}
-        else:
-            wires |= {"filter.g": "prior.g", "filter.x": "momentum.x"}
+            signals |= {"filter.g": "measured.g", "filter.x": "measured.x"}
         if method.uses_seer and method.model_scale != 1.0:
             systems.append(_scaled(method.model_scale))
-            wires |= {"scaled.f": "seer.f_theta", "filter.f_theta": "scaled.f_theta"}
-            outputs |= {"f_theta": "scaled.f_theta"}
-        elif method.uses_seer:
-            wires |= {"filter.f_theta": "seer.f_theta"}
-        elif method.payload != "lumped":
+            signals |= {"scaled.f": "seer.f_theta", "f_theta": "scaled.f_theta"}
+        elif not method.uses_seer and method.payload != "lumped":
             more, own = payload_systems(method.payload == "told")
             systems += more
-            wires |= own | {"filter.f_theta": "payload_model.f_theta"}
+            signals |= own | {"filter.f_theta": "payload_model.f_theta"}
             outputs |= {"f_theta": "payload_model.f_theta"}
-        elif filter_of(method) is not None:
-            systems.append(nothing("no_model"))
-            wires |= {"filter.f_theta": "no_model.zero"}
     else:
         outputs |= {"f_hat": "seer.f_theta"}
+    if felt is None or method.uses_seer:
+        signals |= {"x": "momentum.x"}
     inputs: dict[str, str | list[str]] = {
         "v_m": velocity,
         "q_m": attitude if felt is None else [*attitude, f"{felt}.q"],
@@ -336,7 +274,7 @@ def filter_part(
     }
     if felt is not None:
         inputs["a_m"] = f"{felt}.a"
-    return wired(systems, wires, inputs=inputs, outputs=outputs, name="estimator")
+    return wired(systems, signals, inputs=inputs, outputs=outputs, name="estimator")
 
 
 def build(
@@ -378,24 +316,15 @@ def build(
     method = Method("observer", 2.0, 6.0) if method is None else method
     vehicle, controller = vehicle_part(delayed=not delay_apart, events=events), controller_part(method)
     filter = filter_part(method, model, prior=prior)
-    wires = {f"controller.{name}": f"vehicle.{name}" for name in MEASURED if name != "a_m"}
-    wires |= {"vehicle.thrust": "controller.thrust"}
-    outputs = {name: f"vehicle.{name}" for name in ("r", "v", "q", "f_mass", "f_wind", "wind", *MEASURED)}
-    outputs |= {name: f"controller.{name}" for name in ("r_ref", "v_ref", "F", "thrust")}
+    signals = {name: f"vehicle.{name}" for name in ("r", "v", "q", "f_mass", "f_wind", "wind", *MEASURED)}
+    signals |= {name: f"controller.{name}" for name in ("r_ref", "v_ref", "F", "thrust")}
+    wires: dict[str, str] = {}
     systems: list[ct.InputOutputSystem] = [vehicle, controller]
-    if late := method.late + (steps_of_delay() if delay_apart else 0):
-        systems.append(thrust_delay(late, "late"))
-        wires |= {"late.thrust": "controller.thrust", "vehicle.thrust": "late.thrust_delayed"}
+    drone, dt = multirotor(), params().sampling.dt
+    if late := method.late + (drone.delay_steps(dt) if delay_apart else 0):
+        systems.append(replace(drone, delay=late * dt).thrust_delay(dt, name="late"))
+        wires |= {"vehicle.thrust": "late.thrust_delayed"}
     if filter is not None:
         systems.append(filter)
-        wires |= {"controller.f_hat": "estimator.f_hat"}
-        known = signal_names(filter.input_labels)
-        wires |= {f"estimator.{name}": f"controller.{name}" for name in ("F", "thrust") if name in known}
-        wires |= {f"estimator.{name}": f"vehicle.{name}" for name in MEASURED if name in known}
-        outputs |= {name: f"estimator.{name}" for name in signal_names(filter.output_labels)}
-    else:
-        systems.append(nothing("no_estimate"))
-        wires |= {"controller.f_hat": "no_estimate.zero"}
-    return wired(
-        systems, wires, inputs={name: f"vehicle.{name}" for name in NOISES}, outputs=outputs, name="drone"
-    )
+        signals |= {name: f"estimator.{name}" for name in signal_names(filter.output_labels)}
+    return wired(systems, signals | wires, inputs=NOISES, outputs=[*signals], name="drone")

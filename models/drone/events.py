@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import casadi as ca
 
-from phyfilter_ctl.blocks import FunctionBlock
-from phyfilter_ctl.blocks.functions import Variable
+from phyfilter_ctl.blocks import FunctionBlock, Variable
 
 __all__ = ["EVENTS", "with_events"]
 

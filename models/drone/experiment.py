@@ -150,6 +150,6 @@ def fly(
         max_step=params().sampling.max_step,
         interpolation="hold",
         backend=backend,
-        workers=workers,
+        limits={"workers": workers},
     )
     return Flights(method, conditions, time, *flight_signals(runs, conditions.seeds, keep))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import control as ct
 import numpy as np
 
 from phyfilter_ctl import SampledPhyFilter, fmi
-from phyfilter_ctl.filterfile import Signals
 from phyfilter_ctl.fmi import HandOver, Reference
 from phyfilter_ctl.learned import Chebyshev
 
@@ -29,7 +29,8 @@ __all__ = [
 
 _NAME = "drone_filter"
 _AXES = range(3)
-_SIGNALS = Signals(["x", "y", "z"], unit_x="kg m/s", unit_g="N", unit_f="N")
+_NAMES = ("x", "y", "z")
+_UNITS = {"x": "kg m/s", "g": "N", "f": "N"}
 # Of the exports of the repository: a method that needs no training.
 _PLAIN = Method("observer", 2.0, 6.0)
 
@@ -124,13 +125,12 @@ def hand_over(
     FileNotFoundError, FileExistsError, CompilerError
         As for :func:`phyfilter_ctl.fmi.hand_over`.
     """
+    sampled = sampled_filter(method)
     return fmi.hand_over(
-        sampled_filter(method),
+        replace(sampled, sampling=replace(sampled.sampling, channels=_NAMES, units=_UNITS)),
         folder,
         lambda: _record(method, record_flight(method, model) if flight is None else flight),
         name=_NAME,
-        channels=len(_AXES),
-        signals=_SIGNALS,
         importer="fmpy",
     )
 

@@ -272,7 +272,7 @@ def _holds(method: Method, known: KnownForce, duration: float) -> bool:
         max_step=params().sampling.max_step,
         backend="vm",
     )
-    height = np.asarray(flight.outputs)[[v.name for v in flat.outputs].index("r[2]")]
+    height = np.asarray(flight.outputs["r[2]"])
     if not np.abs(height - height[0]).max() < _AWAY:  # nan too
         return False
     # Of second differences: the slow way back to the height that is wanted does not count.

@@ -23,7 +23,7 @@ from phyfilter_ctl.plants.factory import Results
 from .flights import Conditions
 from .params import params
 
-__all__ = ["NOISE", "nothing", "parts", "payload_systems", "windy_payloads"]
+__all__ = ["NOISE", "parts", "payload_systems", "windy_payloads"]
 
 NOISE = params().vehicle.mass * params().sensors.velocity
 """Deviation of the noise of m v, N s."""
@@ -64,20 +64,14 @@ def parts(gusts: float = _GUSTS) -> list[Part]:
     ]
 
 
-def nothing(name: str) -> FunctionBlock:
-    """No force at all, for what takes one and is given none."""
-    return plant(lambda t, x, u, p: ({}, {"zero": np.zeros(3)}), name=name, states={}, outputs={"zero": "N"})
-
-
 def payload_systems(told: bool) -> tuple[list[ct.InputOutputSystem], dict[str, str]]:
-    """Blocks and wires between ``momentum.x``, ``prior.g`` and ``payload_model.f_theta``.
+    """Blocks between the signals x and g and ``payload_model.f_theta``, and the signal between them.
 
     Parameters
     ----------
     told : bool
         Whether the mass is the parameter ``told.mass``; else it is 0 until the data identify it.
     """
-    wires = {"payload_model.g": "prior.g"}
     if told:
         source = plant(
             lambda t, x, u, p: ({}, {"payload": p.mass}),
@@ -86,7 +80,7 @@ def payload_systems(told: bool) -> tuple[list[ct.InputOutputSystem], dict[str, s
             outputs={"payload": "kg"},
             params={"mass": (0.0, "kg")},
         )
-        return [source, _model()], wires | {"payload_model.payload": "told.payload"}
+        return [source, _model()], {"payload": "told.payload"}
     values = params()
     separation = separation_block(
         parts(),
@@ -97,12 +91,7 @@ def payload_systems(told: bool) -> tuple[list[ct.InputOutputSystem], dict[str, s
         g="average",
         watch="payload",
     )
-    return [separation, nothing("lumped"), _model()], wires | {
-        "separation.x": "momentum.x",
-        "separation.g": "prior.g",
-        "separation.f_theta": "lumped.zero",
-        "payload_model.payload": "separation.payload",
-    }
+    return [separation, _model()], {"payload": "separation.payload"}
 
 
 def _model() -> FunctionBlock:

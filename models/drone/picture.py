@@ -124,7 +124,7 @@ def _mean_errors(axes: Axes, comparison: Comparison) -> None:
     for scenario, marker, shift in zip(SCENARIOS, "os", (-0.14, 0.14), strict=True):
         mae = comparison.mae(scenario)
         for row, name in enumerate(names):
-            low, median, high = (100.0 * v for v in (mae[name].low, mae[name].median, mae[name].high))
+            low, median, high = (100.0 * v for v in (mae[name].low, mae[name].value, mae[name].high))
             axes.errorbar(
                 median,
                 row + shift,
@@ -140,7 +140,7 @@ def _mean_errors(axes: Axes, comparison: Comparison) -> None:
         [
             "still, wind",
             *(
-                ", ".join(f"{100.0 * comparison.mae(scenario)[name].median:.1f}" for scenario in SCENARIOS)
+                ", ".join(f"{100.0 * comparison.mae(scenario)[name].value:.1f}" for scenario in SCENARIOS)
                 for name in names
             ),
         ]

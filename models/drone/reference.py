@@ -1,80 +1,16 @@
-"""The circle as a block: position, velocity, acceleration and jerk over time.
-
-    r = (R cos phi, R sin phi, h),   phi' = (V/R) S(t/T),   S(s) = s^3 (10 - 15 s + 6 s^2) up to s = 1, then 1
-
-so that jerk is continuous and the flight begins at rest on the circle.
-"""
+"""What can be flown of the circle, ``phyfilter_ctl.plants.circle``."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from phyfilter_ctl.blocks import BlockFunctions, FunctionBlock, Variable
-
 from .params import Mission, Vehicle, params
 
-__all__ = ["check_feasible", "circle", "flown"]
-
-_AXES = range(3)
-
-
-def circle(mission: Mission | None = None) -> FunctionBlock:
-    """The reference as a static block of time.
-
-    Parameters
-    ----------
-    mission : Mission, optional
-        None means that of ``params.toml``. Speed, radius, height and ramp become parameters of the block.
-
-    Returns
-    -------
-    FunctionBlock
-        Named "reference", outputs r_ref, v_ref, a_ref and j_ref in m, m/s, m/s^2, m/s^3.
-
-    Examples
-    --------
-    >>> r, v, a, j = np.split(np.asarray(circle()._out(60.0, [], [])), 4)
-    >>> round(float(np.hypot(*v[:2])), 9), round(float(np.hypot(*a[:2])), 9)
-    (2.0, 2.666666667)
-    """
-    mission = params().mission if mission is None else mission
-    starts = {
-        "speed": (mission.speed, "m/s"),
-        "radius": (mission.radius, "m"),
-        "height": (mission.height, "m"),
-        "ramp": (mission.ramp, "s"),
-    }
-    parameters = tuple(Variable(name, value, unit) for name, (value, unit) in starts.items())
-    t, x, u, p = ca.SX.sym("t"), ca.SX.sym("x", 0), ca.SX.sym("u", 0), ca.SX.sym("p", len(parameters))
-    speed, radius, height, ramp = ca.vertsplit(p)
-    s = ca.fmax(ca.fmin(t / ramp, 1.0), 0.0)
-    rate = speed / radius
-    # phi from 0, with the rest of a whole ramp flown at full speed.
-    phi = rate * (ramp * s**4 * (2.5 - 3.0 * s + s**2) + ca.fmax(t - ramp, 0.0))
-    d1 = rate * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-    d2 = rate / ramp * 30.0 * s**2 * (1.0 - s) ** 2
-    d3 = rate / ramp**2 * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
-    radial, along = ca.vertcat(ca.cos(phi), ca.sin(phi), 0.0), ca.vertcat(-ca.sin(phi), ca.cos(phi), 0.0)
-    outputs = {
-        "r_ref": (radius * radial + ca.vertcat(0.0, 0.0, height), "m"),
-        "v_ref": (radius * d1 * along, "m/s"),
-        "a_ref": (radius * (d2 * along - d1**2 * radial), "m/s^2"),
-        "j_ref": (radius * ((d3 - d1**3) * along - 3.0 * d1 * d2 * radial), "m/s^3"),
-    }
-    functions = BlockFunctions(
-        (),
-        (),
-        tuple(Variable(f"{name}[{i}]", 0.0, unit) for name, (_, unit) in outputs.items() for i in _AXES),
-        parameters,
-        ca.Function("dynamics", [t, x, u, p], [ca.DM(0, 1)]),
-        ca.Function("output", [t, x, u, p], [ca.vertcat(*[value for value, _ in outputs.values()])]),
-    )
-    return FunctionBlock(functions, "reference", None)
+__all__ = ["check_feasible", "flown"]
 
 
 def flown(others: Mapping[str, ArrayLike] | None = None) -> Mission:

@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from phyfilter_ctl import PhyFilter, SampledPhyFilter
+from phyfilter_ctl import PhyFilter, SampledPhyFilter, Status
 from phyfilter_ctl.baselines import BackwardDifference, LowpassDifference
 from phyfilter_ctl.learned import Chebyshev, FitResult, LearnedModel
-from phyfilter_ctl.results import Status, plain
+from phyfilter_ctl.results import plain
 
 from .replay_recordings import AXES, BAND, DelayScan, WindTunnelFlight, read
 

@@ -7,8 +7,7 @@ from typing import TypedDict
 
 import numpy as np
 
-from phyfilter_ctl.results import plain
-from phyfilter_ctl.study import Interval
+from phyfilter_ctl.results import Interval, plain
 
 from .comparison import SCENARIOS, Comparison, Estimation
 from .methods import NAMES, MethodName
@@ -58,7 +57,7 @@ def table(comparison: Comparison) -> str:
         f"{'':<26}{'mass only':>22}{'mass and wind':>22}{'horizontal':>12}{'vertical':>10}",
     ]
     best = {
-        kind: min(v.median for name, v in comparison.mae(kind).items() if name != "known_mass")
+        kind: min(v.value for name, v in comparison.mae(kind).items() if name != "known_mass")
         for kind in SCENARIOS
     }
     columns = {kind: comparison.mae(kind) for kind in SCENARIOS}
@@ -67,10 +66,10 @@ def table(comparison: Comparison) -> str:
     for name in names:
         cells = ""
         for kind in SCENARIOS:
-            mark = " *" if columns[kind][name].median == best[kind] else "  "
+            mark = " *" if columns[kind][name].value == best[kind] else "  "
             cells += f"{columns[kind][name].text(100.0) + mark:>22}"
         lines.append(
-            f"{NAMES[name]:<26}{cells}{100.0 * horizontal[name].median:>12.2f}{100.0 * vertical[name].median:>10.2f}"
+            f"{NAMES[name]:<26}{cells}{100.0 * horizontal[name].value:>12.2f}{100.0 * vertical[name].value:>10.2f}"
         )
     lines += [
         "",
@@ -125,9 +124,9 @@ def figures(comparison: Comparison) -> dict[str, object]:
     for entry in reductions(comparison):
         key = f"reduction_vs_{entry['over']}"
         found |= {
-            f"{key}_pct": entry["wind"].median,
+            f"{key}_pct": entry["wind"].value,
             f"{key}_interval_pct": [entry["wind"].low, entry["wind"].high],
-            f"{key}_mass_only_pct": entry["mass"].median,
+            f"{key}_mass_only_pct": entry["mass"].value,
         }
     found["force_rmse"] = {
         kind: {name: _estimation(value) for (k, name), value in comparison.estimation.items() if k == kind}
@@ -150,7 +149,7 @@ def figures(comparison: Comparison) -> dict[str, object]:
 
 def _medians(values: Mapping[MethodName, Interval]) -> dict[str, float | str | None]:
     """For JSON, where most flights failed as the word Infinity."""
-    return {name: plain(value.median, infinite=True) for name, value in values.items()}
+    return {name: plain(value.value, infinite=True) for name, value in values.items()}
 
 
 def _estimation(value: Estimation) -> dict[str, float]:

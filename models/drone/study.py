@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from phyfilter_ctl.design.learning import learn
+from phyfilter_ctl import Sampling
+from phyfilter_ctl.design import learn
 from phyfilter_ctl.learned import Chebyshev
 from phyfilter_ctl.recording import Recording
 from phyfilter_ctl.results import plain
@@ -261,7 +262,7 @@ def learn_filters(
     """
     found = []
     for order, form in forms:
-        result = learn(logs, order, form=form, weights=weights, g="average", wiener=False)
+        result = learn(logs, order, weights=weights, shape=form, sampling=Sampling(g="average"))
         a, b = (tuple(float(c) for c in part) for part in (result.filter.a, result.filter.b))
         found.append(LearnedFilter(order, form, (a, b), result.rmse, result.message))
     return tuple(found)

@@ -17,7 +17,7 @@ import numpy as np
 
 from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.controllers import JointTorqueFilter
-from phyfilter_ctl.plants.legged import JointQuantities, JointSpacePrior
+from phyfilter_ctl.plants import JointQuantities, JointSpacePrior
 
 from .params import params
 from .regulator import Schedule

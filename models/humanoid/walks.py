@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from phyfilter_ctl import PhyFilter
 from phyfilter_ctl.controllers import JointTorqueFilter
-from phyfilter_ctl.plants.legged import JointQuantities, JointSpacePrior
+from phyfilter_ctl.plants import JointQuantities, JointSpacePrior
 
 from ..quadruped.network import Network, read, shipped
 from .crowd import JOINTS, Crowd

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from phyfilter_ctl.plants.legged import LeggedRobot
+from phyfilter_ctl.plants import LeggedRobot
 from phyfilter_ctl.plants.legged.simulator import simulator
 
 from .bodies import Bodies, Motion, columns

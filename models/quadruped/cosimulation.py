@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from phyfilter_ctl.fmi import Reference, UnpackedFmu, replay
+from phyfilter_ctl.fmi import Reference, UnpackedFmu, describe, replay
 from phyfilter_ctl.fmi.description import Fmi
 from phyfilter_ctl.fmi.instance import FmuInstance
-from phyfilter_ctl.plants.legged import JointQuantities
+from phyfilter_ctl.plants import JointQuantities
 from phyfilter_ctl.plants.legged.simulator import simulator
 
 from .batch import Motion
@@ -200,17 +200,14 @@ _NO_FORCE = np.zeros(3)
 
 def _driven(path: Path, inputs: FloatArray, outputs: FloatArray) -> FloatArray:
     """What an FMU makes of recorded rows of inputs, each held over the step to its row, less the recorded outputs."""
-    fmu = UnpackedFmu(path)
-    try:
-        sides = zip(("input", "output"), (inputs, outputs), strict=True)
-        labels = [
-            dict(zip([label for v in fmu.description.of(side) for label in v.labels], rows.T, strict=True))
-            for side, rows in sides
-        ]
-        record = Reference(params().control.dt * np.arange(len(inputs), dtype=float), *labels)
-        return replay(fmu, record, inputs_at="end")[1] - outputs
-    finally:
-        fmu.close()
+    description = describe(path)
+    sides = zip(("input", "output"), (inputs, outputs), strict=True)
+    labels = [
+        dict(zip([label for v in description.of(side) for label in v.labels], rows.T, strict=True))
+        for side, rows in sides
+    ]
+    record = Reference(params().control.dt * np.arange(len(inputs), dtype=float), *labels)
+    return replay(path, record, inputs_at="end")[1] - outputs
 
 
 def _joints(motion: FloatArray) -> tuple[FloatArray, FloatArray]:

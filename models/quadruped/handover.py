@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 from phyfilter_ctl.blocks import FunctionBlock, sampled_block, wired
 from phyfilter_ctl.filter import PhyFilter
-from phyfilter_ctl.fmi import FmuExperiment, export_fmu
+from phyfilter_ctl.fmi import FmuExperiment, export_fmu, export_mujoco_fmu
 from phyfilter_ctl.fmi.description import Fmi
-from phyfilter_ctl.fmi.mujoco import export_mujoco_fmu
 from phyfilter_ctl.plants import Columns, plant
 from phyfilter_ctl.plants.algebra import Array
 from phyfilter_ctl.plants.factory import Results
@@ -113,8 +112,11 @@ def quadruped_fmu(
         name="quadruped",
         body="trunk",
         start=resting(neutral() if joints is None else joints),
-        experiment=FmuExperiment(stop=2.0, step=params().control.dt),
-        description=f"Quadruped of {params().robot.mass:g} kg, torque-controlled; force acts on the trunk",
+        experiment=FmuExperiment(
+            stop=2.0,
+            step=params().control.dt,
+            description=f"Quadruped of {params().robot.mass:g} kg, torque-controlled; force acts on the trunk",
+        ),
     )
 
 

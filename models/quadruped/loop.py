@@ -15,9 +15,11 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from phyfilter_ctl.controllers.joint_torque import AntiWindup, Gate, JointFilterState, JointTorqueFilter
+from phyfilter_ctl.controllers import JointFilterState, JointTorqueFilter
+from phyfilter_ctl.controllers.joint_torque import AntiWindup, Gate
 from phyfilter_ctl.filter import PhyFilter
-from phyfilter_ctl.plants.legged import Contact, JointQuantities, JointSpacePrior
+from phyfilter_ctl.plants import JointQuantities, JointSpacePrior
+from phyfilter_ctl.plants.legged import Contact
 
 from .adaptive import AdaptiveChoice, AdaptiveLaw, AdaptiveState
 from .batch import Batch

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from phyfilter_ctl.plants.legged import LeggedRobot, load_robot
+from phyfilter_ctl.plants import LeggedRobot, load_robot
 from phyfilter_ctl.plants.legged.simulator import simulator
 
 from .params import FOLDER, Params, Robot, params

@@ -24,7 +24,7 @@ from .margins import (
     largest_bandwidth,
     saturation_margin,
 )
-from .poles import PolesAndZeros, PoleZeroMap
+from .poles import PoleZeroMap
 from .summary import Analysis, analyze
 from .tracking_error import TrackingDeviation, TrackingTube, tracking_error
 from .variance import Variance, error_variance
@@ -48,7 +48,6 @@ __all__ = [
     "Margins",
     "Peak",
     "PoleZeroMap",
-    "PolesAndZeros",
     "QuadraticProof",
     "SaturationMargin",
     "Sentence",

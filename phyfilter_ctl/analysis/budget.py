@@ -1,4 +1,4 @@
-"""What the error of a filter is made of: residual, prior, noise, side by side or over bandwidth."""
+"""What the error of a filter is made of: residual, wrong inertia, noise, side by side or over bandwidth."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 from .. import _signals
+from .._renamed import former_field
 from .._sections import FloatArray
 from ..plots.budget import budget_curves, budget_plot
 from ..results import PerChannel, Result
@@ -33,7 +34,7 @@ class ErrorBudget(Result):
         Of the designs, where they have names.
     bandwidth : (m,) array or None
         Of the designs in rad/s, ascending, where they have no names.
-    residual, prior, noise, implementation : (m,) arrays
+    residual, inertia, noise, implementation : (m,) arrays
         The parts: left of the residual, from the wrong inertia, from the noise of x, from what a sampled filter meets
         as it runs.
     unit : str
@@ -44,20 +45,25 @@ class ErrorBudget(Result):
     names: tuple[str, ...] | None
     bandwidth: FloatArray | None
     residual: FloatArray
-    prior: FloatArray
+    inertia: FloatArray
     noise: FloatArray
     implementation: FloatArray
     unit: str
 
     @property
+    def prior(self) -> FloatArray:
+        """``inertia`` by its name of 0.2."""
+        return former_field(self, "prior", "inertia")
+
+    @property
     def total(self) -> FloatArray:
         """Sum of the parts, shape (m,)."""
-        return self.residual + self.prior + self.noise + self.implementation
+        return self.residual + self.inertia + self.noise + self.implementation
 
     @property
     def parts(self) -> dict[str, FloatArray]:
         """The parts by name; those that are 0 for every design are left out, unless all are."""
-        names = ("residual", "prior", "noise", "implementation")
+        names = ("residual", "inertia", "noise", "implementation")
         every = {name: getattr(self, name) for name in names}
         return {name: values for name, values in every.items() if np.any(values)} or every
 
@@ -143,7 +149,7 @@ def error_budget(
         )
     if bounds:
         rows = [
-            (entry.intrinsic, entry.prior, entry.noise, sum(entry.implementation.values()))
+            (entry.intrinsic, entry.inertia, entry.noise, sum(entry.implementation.values()))
             for entry in bounds
         ]
     else:

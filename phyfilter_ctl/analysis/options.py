@@ -22,15 +22,28 @@ from numpy.typing import ArrayLike
 
 from .. import _signals
 from ..filter import PhyFilter, SampledPhyFilter, Sampling
-from ..values import Told
+from ..values.loop import Told
 
-__all__ = ["InputGains", "Told", "assumed", "inertia_of", "input_gains", "units_of"]
+__all__ = ["InputGains", "Told", "assumed", "checked_filter", "inertia_of", "input_gains", "units_of"]
 
 # Of a filter that has it; what is not here has no effect where it is not counted.
 _TAKEN_FOR_GRANTED = {
     "limit": "f_hat stays within its limit",
     "g_limit": "g stays within its limits",
 }
+
+
+def checked_filter(filter: object) -> PhyFilter | SampledPhyFilter:
+    """The filter of an analysis.
+
+    Raises
+    ------
+    TypeError
+        If it is something else.
+    """
+    if not isinstance(filter, PhyFilter | SampledPhyFilter):
+        raise TypeError(f"filter: expected a PhyFilter or a SampledPhyFilter, got {type(filter).__name__}")
+    return filter
 
 
 def assumed(
@@ -110,6 +123,8 @@ def inertia_of(filter: PhyFilter | SampledPhyFilter, given: ArrayLike | None) ->
     """
     M = filter.sampling.inertia_or(given) if isinstance(filter, SampledPhyFilter) else given
     values = _signals.real("inertia", 1.0 if M is None else M)
+    if not values.size:
+        raise ValueError("inertia: expected a number, a diagonal or a matrix, got none")
     if values.ndim != 2:
         _signals.number("inertia", float(np.min(values)), above=0.0)
     size = float(np.linalg.norm(values, 2)) if values.ndim == 2 else float(np.max(values))

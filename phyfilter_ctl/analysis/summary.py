@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,15 +12,16 @@ from numpy.typing import ArrayLike
 from .. import _signals
 from ..filter import PhyFilter, SampledPhyFilter
 from ..results import Result
-from ..values import Bounded, Gaussian, Loop, Told
+from ..values import Bounded, Gaussian, Loop
 from ..values.disturbance import bounded
+from ..values.loop import Told
 from .bounds import ErrorBound, error_bound
 from .channels import Filter, per_channel
 from .frequency import FilterResponse, frequency_response
 from .margins import InertiaCertificate, SaturationMargin, inertia_tolerance, saturation_margin
 from .margins.filter_margins import FilterMargins, checked_loop, filter_margins
 from .margins.saturation import KnownActuation
-from .options import inertia_of
+from .options import checked_filter, inertia_of
 from .tracking_error import TrackingTube, tracking_error
 from .variance import error_variance
 from .verdict import Sentence, on_error, on_loops
@@ -77,6 +79,7 @@ class Analysis(Result):
         "blocked",
         "unit",
     )
+    _units = MappingProxyType({"noise_deviation": "{}", "noise_gain": "1/s"})
 
     response: FilterResponse
     bound: ErrorBound | None
@@ -254,7 +257,9 @@ def analyze(
     >>> analyze(PhyFilter([12.0]), loop, {1: 3.0}).headline
     'Stable. Tolerates 6.64 ms more delay, masses 0.718 to 5.54 times yours. Error at most 0.25 while |γ′| ≤ 3 per s.'
     """
+    filter = checked_filter(filter)
     around = checked_loop(loop)
+    noise_deviation = _signals.number("noise_deviation", noise_deviation, least=0.0)
     bounds = Bounded() if disturbance is None else bounded(disturbance)
     M = inertia_of(filter, inertia)
     if ratios is not None and around.g != "commanded":

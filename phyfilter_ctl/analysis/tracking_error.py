@@ -137,6 +137,12 @@ class TrackingTube(Result):
             bound += residual / loop.inertia * np.abs(loop.powers(c, count) @ pieces)
         return bound[steps]
 
+    def _unit_of(self, name: str) -> str:
+        units = units_of(self._loop.sampled)
+        if name in ("radius", "parts"):
+            return _position_unit(units)
+        return units.get("f", "") if name in ("command", "command_parts", "command_limit", "estimate") else ""
+
     def describe(self) -> str:
         """The tube as text, one line each.
 
@@ -397,6 +403,11 @@ class TrackingDeviation(Result):
     command: float
     assumptions: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
+
+    def _unit_of(self, name: str) -> str:
+        if name == "command":
+            return self.units.get("f", "")
+        return _position_unit(self.units) if name in ("position", "residual", "actuation", "noise") else ""
 
     def describe(self) -> str:
         """The standard deviations as text, one line each.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import control as ct
 import numpy as np
@@ -16,7 +17,7 @@ from ..results import Result, in_lines, with_unit
 from ..values import Gaussian, Shape
 from ..values.disturbance import shaping
 from .channels import per_channel
-from .options import assumed, input_gains, units_of
+from .options import assumed, checked_filter, input_gains, units_of
 
 __all__ = ["Variance", "discretised", "error_variance"]
 
@@ -40,6 +41,7 @@ class Variance(Result):
     """
 
     _figures = ("noise", "residual_error", "residual_estimate", "error", "estimate", "unit", "assumptions")
+    _units = MappingProxyType(dict.fromkeys(_figures[:5], "{}^2"))
     _answer = ("error",)
 
     noise: float
@@ -128,6 +130,7 @@ def error_variance(
     >>> round(variance.noise**0.5, 6)
     0.0198
     """
+    filter = checked_filter(filter)
     if not isinstance(disturbance, Gaussian):
         raise TypeError(
             f"disturbance: expected Gaussian(residual, noise=...), got {disturbance!r}; for bounds see error_bound"
@@ -150,7 +153,7 @@ def error_variance(
         parts = (0.0, 0.0) if shape is None else _residual(filter, shape)
     size = input_gains(filter, inertia, needed=from_noise > 0.0).x
     return Variance(
-        from_noise * size**2, *parts, unit=units_of(filter).get("f", ""), assumptions=assumed(filter)
+        from_noise * size * size, *parts, unit=units_of(filter).get("f", ""), assumptions=assumed(filter)
     )
 
 
@@ -194,8 +197,8 @@ def _sampled_noise(sampled: SampledPhyFilter, deviation: float) -> float:
     joint[:n, :n] = np.eye(n) + dA
     joint[:n, n] = -entry  # the sample before
     drive = np.append(entry, 1.0)
-    P = np.asarray(solve_discrete_lyapunov(joint, deviation**2 * np.outer(drive, drive)))
-    return float(C @ P[:n, :n] @ C)
+    P = np.asarray(solve_discrete_lyapunov(joint, np.outer(drive, drive)))
+    return deviation * deviation * float(C @ P[:n, :n] @ C)
 
 
 def _sampled_residual(sampled: SampledPhyFilter, shape: ct.StateSpace) -> tuple[float, float]:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 from typing import TYPE_CHECKING
 
+from .._renamed import former
 from ..filter import PhyFilter, SampledPhyFilter
 from ..recording import Recording
-from .designs import Assumptions, Design, Numerator, Signals
-from .handle import Session, handle
-from .jobs import LearningJob
 
 if TYPE_CHECKING:
     from .widget import Designer
 
-__all__ = ["Assumptions", "Design", "LearningJob", "Numerator", "Session", "Signals", "designer", "handle"]
+__all__ = ["designer"]
 
 
 def designer(
@@ -66,3 +65,7 @@ def designer(
             "pip install 'phyfilter-ctl[notebook]'"
         ) from error
     return Designer(filter, log=log, session=session)
+
+
+if not TYPE_CHECKING:  # which is to see a wrong name
+    __getattr__ = partial(former, __name__)

@@ -13,9 +13,9 @@ import numpy as np
 from .. import _sections
 from .._sections import FloatArray
 from ..analysis import frequency_response
-from ..design.placement import Family, bandpass, lowpass, numerator_of_type, place_poles
-from ..filter import FilterBank, InertiaInput, PhyFilter, SampledPhyFilter, Sampling, SamplingOptions
-from ..filter.sampling import Method
+from ..design.placement import Family, bandpass, lowpass, place_poles
+from ..filter import FilterBank, PhyFilter, SampledPhyFilter, Sampling
+from ..filter.sampling import InertiaInput, Method, SamplingOptions
 from ..results import plain
 from .checking import Fields, MessageError, real, shown
 
@@ -219,7 +219,7 @@ class Design:
         if self.numerator.kind == "lowpass":
             return PhyFilter.from_poles(self.poles)
         if self.numerator.kind == "type":
-            return place_poles(self.poles, numerator=self.numerator.type)
+            return place_poles(self.poles, type=self.numerator.type)
         return PhyFilter.from_poles(self.poles, self._b)
 
     @property
@@ -407,14 +407,12 @@ def design_of_family(message: Fields, like: Design) -> Design:
         return like.with_filter(bandpass(order, low, high, family=cast(Family, prototype)))
     cutoff = message.number("cutoff", SLOWEST, FASTEST, unit="rad/s")
     kind = message.integer("type", 1, order) if "type" in message else 1
-    # Type 1 is N = a_0 either way.
-    numerator: Literal["lowpass"] | int = "lowpass" if kind == 1 else kind
     if family != "damped":
-        return like.with_filter(lowpass(order, cutoff, family=cast(Family, family), numerator=numerator))
+        return like.with_filter(lowpass(order, cutoff, family=cast(Family, family), type=kind))
     damping = message.number("damping", 0.01, 1.0) if "damping" in message else math.sqrt(0.5)
     pair = complex(-damping, math.sqrt(1.0 - damping**2))
     poles = [pair, pair.conjugate()] * (order // 2) + [-1.0 + 0.0j] * (order % 2)
-    prototype = place_poles(poles, numerator=numerator)
+    prototype = place_poles(poles, type=kind)
     return like.with_filter(prototype.faster(cutoff / frequency_response(prototype).band_edges[1]))
 
 
@@ -512,7 +510,7 @@ def _numerator_of(filter: PhyFilter) -> Numerator:
     if filter.is_lowpass:
         return Numerator()
     kind = filter.type
-    if kind > 0 and np.array_equal(filter.b, numerator_of_type(filter.a, kind)):
+    if kind > 0 and np.array_equal(filter.b, np.where(np.arange(filter.order) < kind, filter.a, 0.0)):
         return Numerator("type", type=kind)
     nonzero = np.flatnonzero(filter.b)
     if len(nonzero) == 1:  # a band-pass, N = gain s^m: its zeros can be seen and moved

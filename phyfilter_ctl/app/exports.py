@@ -22,7 +22,8 @@ from ..codegen import CompilerError, export_c, export_target, find_compiler
 from ..codegen.export_target import Target
 from ..codegen.identifiers import model_identifier
 from ..codegen.target_autopilots import check_autopilot
-from ..filter import FilterBank, InertiaInput, PhyFilter, SampledPhyFilter, Sampling, SamplingOptions
+from ..filter import FilterBank, PhyFilter, SampledPhyFilter, Sampling
+from ..filter.sampling import InertiaInput, SamplingOptions
 from ..recording import Recording
 from ..recording.checks import inertia_varies
 from .checking import MessageError
@@ -284,8 +285,9 @@ def _fmu(sampled: SampledPhyFilter, kind: str, channels: int, symbol: str, path:
     can = abilities()
     if not can["fmu"]:
         raise MessageError("kind", str(can["why"]))
+    whole = replace(sampled, sampling=sampled.sampling.told(channels=channels))
     try:
-        export_fmu(sampled, path, fmi="2.0" if kind == "fmu2" else "3.0", channels=channels, name=symbol)
+        export_fmu(whole, path, fmi="2.0" if kind == "fmu2" else "3.0", name=symbol)
     except CompilerError as error:
         raise MessageError("kind", f"the FMU could not be built: {_line(str(error))}") from error
     return path.read_bytes()
@@ -338,7 +340,7 @@ def _symbol(name: str) -> str:
 def _dropped(system: PhyFilter | FilterBank | SampledPhyFilter) -> list[str]:
     if not isinstance(system, SampledPhyFilter):
         return []
-    kept = {"method", *Signals.of(system).options}
+    kept = {"method", "E", *Signals.of(system).options}
     changed = [name for name in system.sampling.unusual if name not in kept]
     if not changed:
         return []

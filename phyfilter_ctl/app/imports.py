@@ -19,7 +19,6 @@ from ..recording import Recording
 from ..recording.columns import VELOCITIES
 from ..recording.columns import read_log as read_columns
 from ..recording.header import unit_of_time
-from ..robot.findings import findings_of
 from .checking import Fields, MessageError, shown
 from .inbox import Source
 from .preview import base_name, columns_of, roles_of, table_of, times_of
@@ -206,7 +205,7 @@ def import_log(source: Source, roles: Roles) -> tuple[Recording, list[str]]:
     except (TypeError, ValueError) as error:
         text = str(error).replace(f"{source.path}: ", "").replace(str(source.path), shown(source.name))
         raise MessageError("file", text) from error
-    return log, [*said, *(f"{finding.message}." for finding in findings_of(log, time_unit_known=True))]
+    return log, [*said, *(f"{finding.message}." for finding in log.check(time_unit_known=True))]
 
 
 def force_unit(source: Source, roles: Roles) -> str:

@@ -9,7 +9,8 @@ from typing import Literal
 
 from numpy.linalg import LinAlgError
 
-from ..design.learning import Form, LearnEvent, LearnResult, learn
+from ..design.learning import Form, LearnEvent, LearnResult, Search, learn
+from ..filter import Sampling
 from ..recording import Recording
 from .designs import Design
 
@@ -127,10 +128,9 @@ class LearningJob:
             result = learn(
                 log,
                 self._order,
-                form=self._form,
-                method=self._like.method,
-                wiener=False,  # per channel, below
-                callback=self._report,
+                shape=self._form,
+                sampling=Sampling(method=self._like.method),
+                search=Search(callback=self._report),
             )
             if self._stop.is_set():
                 self._end("cancelled", "cancelled")
@@ -168,7 +168,11 @@ class LearningJob:
                 return None
             try:
                 floor = learn(
-                    log, 1, starts=0, max_iterations=1, channels=[channel], method=self._like.method
+                    log,
+                    1,
+                    channels=[channel],
+                    sampling=Sampling(method=self._like.method),
+                    search=Search(starts=0, max_iterations=1),
                 ).wiener
             except (ValueError, LinAlgError):  # a channel with nothing to learn, or too short for blocks
                 return None

@@ -1,15 +1,12 @@
-"""A recorded flight in the designer: read from CSV text, the estimate on it, thinned for drawing."""
+"""A recording in the designer: the estimate on it, thinned for drawing."""
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from .._sections import FloatArray
-from ..logfiles.suggestions import is_force
 from ..recording import Recording
 from ..recording.checks import is_jump
 from ..results import plain
@@ -17,64 +14,11 @@ from .checking import MessageError, shown
 from .designs import Design
 from .views import Peaks, Views, at_once, run
 
-__all__ = ["estimate", "read_log", "summary"]
+__all__ = ["estimate", "summary"]
 
-_TIMES = ("t", "time", "time_s", "times", "timestamp", "seconds")
-_MOST_CHANNELS = 12
-_MOST_SAMPLES = 2_000_000
 _DRAWN = 1500
 _SAME_STEP = 1e-3
 _GAP = 3.0  # medians: lines break at a longer step
-_HEAD = 100_000  # characters in which the header must stand
-_DERIVED = ("label_", "g_", "f_theta_", "feature_", "inertia_")
-
-
-def read_log(name: str, text: str) -> Recording:
-    """A log from CSV text with a header line.
-
-    Parameters
-    ----------
-    name : str
-        Of the file; only ever shown.
-    text : str
-        Columns: times in s (``t`` or ``time``), x, and the further ones of :meth:`Recording.from_csv`: ``label_<x>``
-        (``ax`` for ``vx``), ``g_<x>``, ``f_theta_<x>``, inertia. x are the columns that have a label;
-        without labels all that are none of these.
-
-    Raises
-    ------
-    MessageError
-        If there is no time or no x, or the text is broken; the line is named.
-    """
-    header, delimiter = _header(text)
-    time = next((column for column in header if column.lower() in _TIMES), None)
-    if time is None:
-        raise MessageError("text", f"no column of times: expected t or time in s, got {_some(header)}")
-    x, label = _signals([column for column in header if column != time])
-    if not x:
-        raise MessageError(
-            "text", f"no column of x beside {shown(time)}: expected velocities, got {_some(header)}"
-        )
-    if len(x) > _MOST_CHANNELS:
-        raise MessageError(
-            "text",
-            f"expected at most {_MOST_CHANNELS} channels, got {len(x)}: {_some(x)}; drop columns, or name labels "
-            "label_<x> for those that count",
-        )
-    with tempfile.TemporaryDirectory(prefix="phyfilter_") as folder:
-        path = Path(folder, "log.csv")
-        path.write_text(text, encoding="utf-8", newline="")
-        try:
-            log = Recording.from_csv(
-                path, time=time, x=x, label=label, features=None, delimiter=delimiter, name=Path(name).stem
-            )
-        except (TypeError, ValueError) as error:
-            raise MessageError(
-                "text", str(error).replace(f"{path}: ", "").replace(str(path), "the log")
-            ) from error
-    if log.n > _MOST_SAMPLES:
-        raise MessageError("text", f"expected at most {_MOST_SAMPLES} samples, got {log.n}; cut the log")
-    return log
 
 
 def summary(log: Recording) -> dict[str, object]:
@@ -272,25 +216,6 @@ def _drawn(series: Sequence[FloatArray]) -> np.ndarray:
             part = values[first:last]
             kept += [first + int(np.argmin(part)), first + int(np.argmax(part))]
     return np.unique(kept)
-
-
-def _header(text: str) -> tuple[list[str], str]:
-    lines = (line.strip() for line in text[:_HEAD].removeprefix("\ufeff").splitlines())
-    first = next((line for line in lines if line and not line.startswith("#")), None)
-    if first is None:
-        raise MessageError("text", "expected a header line and rows of numbers, got nothing")
-    delimiter = max(",;\t", key=first.count)
-    return [name.strip().strip('"') for name in first.split(delimiter)], delimiter
-
-
-def _signals(columns: Sequence[str]) -> tuple[list[str], list[str] | None]:
-    """Columns of x, and of their labels."""
-    labels = {c: f"label_{c}" for c in columns if f"label_{c}" in columns}
-    # vx goes with ax.
-    labels |= {c: f"a{c[1:]}" for c in columns if c[:1] == "v" and f"a{c[1:]}" in columns and c not in labels}
-    if labels:
-        return list(labels), list(labels.values())
-    return [c for c in columns if not c.startswith(_DERIVED) and not is_force(c)], None
 
 
 def _some(names: Sequence[str]) -> str:

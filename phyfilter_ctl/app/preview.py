@@ -11,10 +11,10 @@ from itertools import islice
 import numpy as np
 
 from .._sections import FloatArray
-from ..logfiles import LogFile, open_log, suggestions
+from ..logfiles import LogFile, open_log
 from ..logfiles.clock import TimeUnit, time_column
 from ..logfiles.formats import FORMATS, format_of
-from ..logfiles.suggestions import is_force
+from ..logfiles.suggesting import is_force, suggestions
 from ..recording.csvfile import CsvFile, dialect, open_csv
 from ..recording.header import unit_in, unit_of_time
 from ..results import plain

@@ -90,22 +90,22 @@ def _lowpass(filter: PhyFilter) -> Named | None:
     """A low-pass filter's: the cutoff is in proportion to the poles."""
     n, kind = filter.order, 1 if filter.is_lowpass else filter.type
     for family in get_args(Family):
-        unit = lowpass(n, 1.0, family=family, numerator=kind)
+        unit = lowpass(n, 1.0, family=family, type=kind)
         cutoff = float(np.exp((np.log(filter.a[0]) - np.log(unit.a[0])) / n))
         digits = range(1, _ROUND + 1 if family == "binomial" else _ALL + 1)
 
         def made(cutoff: float, family: Family = family) -> PhyFilter:
-            return lowpass(n, cutoff, family=family, numerator=kind)
+            return lowpass(n, cutoff, family=family, type=kind)
 
         if not _same(made(cutoff), filter):
             continue
         for (rounded,) in _rounded([cutoff], digits, made, filter):
-            numerator = f", numerator={kind}" if kind > 1 else ""
+            of_type = f", type={kind}" if kind > 1 else ""
             named = "" if n == 1 else f", family={family!r}"
             title = f"{'lowpass' if n == 1 else family}_{n}_{rounded:g}" + (
                 f"_type{kind}" if kind > 1 else ""
             )
-            return Named(f"lowpass({n}, {rounded!r}{named}{numerator})", title)
+            return Named(f"lowpass({n}, {rounded!r}{named}{of_type})", title)
     return None
 
 
@@ -151,7 +151,7 @@ def _by_poles(design: Design) -> str:
     if len(poles) > _LONG_LINE:
         poles = "[\n" + "".join(f"    {number},\n" for number in numbers) + "]"
     if design.numerator.kind == "type":
-        return f"pf.place_poles({poles}, numerator={design.numerator.type})"
+        return f"pf.place_poles({poles}, type={design.numerator.type})"
     if design.numerator.kind == "lowpass":
         return f"pf.PhyFilter.from_poles({poles})"
     return f"pf.PhyFilter.from_poles({poles}, b={design.filter.b.tolist()!r})"

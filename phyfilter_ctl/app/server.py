@@ -34,7 +34,7 @@ from threadpoolctl import threadpool_limits
 from .._output import replacing
 from . import exports
 from .guard import LARGEST_HEAD, TOKEN_HEADER, Guard, RefusedError, refusal
-from .handle import Session, handle
+from .handling import Session, handle
 from .lines import Line
 from .modules import sent
 from .tabs import TAB_HEADER, Tabs, is_tab
@@ -62,7 +62,7 @@ _FILES = {
 }
 # Which computations wait for each other; a lane is a thread, so a long export does not hold up the next design.
 _LANES = {
-    "log": ("log", "forget", "estimate", "learn", "measured"),
+    "log": ("forget", "estimate", "learn", "measured"),
     "import": ("upload", "preview", "import", "example"),
     "job": ("job", "cancel"),
     "export": ("export", "exports", "report"),
@@ -80,7 +80,7 @@ _SECONDS = {
     "meet": 10.0,
     "loop": 30.0,
 }
-_LARGE = frozenset({"log", "session", "upload"})
+_LARGE = frozenset({"session", "upload"})
 # What is written under --out: the name comes from here and from the design, never from a request.
 _NAMES = {
     "save": "filter-{}.toml",
@@ -256,7 +256,7 @@ def create_app(session: Session, *, port: int, token: str, out: Path | None = No
     Examples
     --------
     >>> import secrets
-    >>> from phyfilter_ctl.app.handle import Session
+    >>> from phyfilter_ctl.app.handling import Session
     >>> app = create_app(Session(), port=8000, token=secrets.token_urlsafe(32))
     """
     if len(token) < 16:

@@ -8,7 +8,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 
-from .handle import Session
+from .handling import Session
 
 __all__ = ["TAB_HEADER", "Tabs", "is_tab"]
 

@@ -10,7 +10,7 @@ import traitlets
 
 from ..filter import PhyFilter, SampledPhyFilter
 from ..recording import Recording
-from .handle import Session, handle
+from .handling import Session, handle
 from .modules import sent
 from .sessions import checked_session, load_session
 

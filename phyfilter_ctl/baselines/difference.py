@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from .. import _signals
 from .._sections import FloatArray
-from .protocol import SearchRange
+from .protocol import SearchRange, of_recordings
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,9 @@ class BackwardDifference:
         longest = round(0.5 / _signals.duration("dt", dt))
         return (SearchRange("samples", 1, min(100, max(2, longest)), integer=True),)
 
+    @of_recordings
     def estimate(self, v: ArrayLike, dt: float) -> FloatArray:
-        """Acceleration of v (N, n_x) sampled every ``dt`` seconds; see :class:`Differentiator`."""
+        """Derivative of v (N, n_x) every ``dt`` s, or f_hat of a recording; see :class:`TunableDifferentiator`."""
         v, dt = _signals.array("v", v, ("N", "n_x")), _signals.duration("dt", dt)
         m = min(self.samples, len(v))  # further back than the flight is long there is only its first sample
         rise = v - np.concatenate([np.repeat(v[:1], m, axis=0), v[:-m]])

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 
 from .. import _signals
 from .._sections import FloatArray
-from .protocol import SearchRange
+from .protocol import SearchRange, of_recordings
 
 
 @dataclass(frozen=True)
@@ -98,8 +98,9 @@ class KalmanDifferentiator:
         product = (y1 * y2).real
         return (y1 + y2).real - product, product / dt
 
+    @of_recordings
     def estimate(self, v: ArrayLike, dt: float) -> FloatArray:
-        """Acceleration of v (N, n_x) sampled every ``dt`` seconds; see :class:`Differentiator`."""
+        """Derivative of v (N, n_x) every ``dt`` s, or f_hat of a recording; see :class:`TunableDifferentiator`."""
         v, dt = _signals.array("v", v, ("N", "n_x")), _signals.duration("dt", dt)
         K1, K2 = self.gain(dt)
         rise = np.diff(v, axis=0, prepend=v[:1])

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 
 from .. import _signals
 from .._sections import FloatArray
-from .protocol import SearchRange
+from .protocol import SearchRange, of_recordings
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,9 @@ class LowpassDifference:
         """Cutoffs from 0.5 rad/s to 3/dt, where the filter passes nearly everything."""
         return (SearchRange("cutoff", 0.5, max(1.0, 3.0 / _signals.duration("dt", dt))),)
 
+    @of_recordings
     def estimate(self, v: ArrayLike, dt: float) -> FloatArray:
-        """Acceleration of v (N, n_x) sampled every ``dt`` seconds; see :class:`Differentiator`."""
+        """Derivative of v (N, n_x) every ``dt`` s, or f_hat of a recording; see :class:`TunableDifferentiator`."""
         v, dt = _signals.array("v", v, ("N", "n_x")), _signals.duration("dt", dt)
         u = np.diff(v, axis=0, prepend=v[:1]) / dt
         wh = self.cutoff * dt

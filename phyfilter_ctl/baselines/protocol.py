@@ -2,28 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
-from typing import Protocol, runtime_checkable
+from functools import wraps
+from typing import Protocol, TypeVar, cast, runtime_checkable
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _signals
 from .._sections import FloatArray
+from ..filter import Log, PhyFilter, record
+from ..filter.record import Estimator, is_log
+
+_EQUAL = 1e-3  # of a step
+S = TypeVar("S")
 
 
 @runtime_checkable
-class Differentiator(Protocol):
-    """A causal estimator of acceleration from sampled velocity."""
+class Differentiator(Estimator, Protocol):
+    """A causal estimator of acceleration from sampled velocity, and so of f from a recording."""
 
-    def estimate(self, v: ArrayLike, dt: float) -> FloatArray:
+    def estimate(self, v: ArrayLike | Log, dt: float | None = None) -> FloatArray:
         """Estimate the acceleration at every sample from that sample and those before it.
 
         Parameters
         ----------
-        v : array_like, shape (N, n_x)
-            Velocity in m/s; any other signal and its unit as well.
+        v : array_like, shape (N, n_x), or Recording
+            Velocity in m/s; any other signal and its unit as well. A recording at equal steps: f_hat, f_theta and the
+            derivative of the momentum that g and f_theta leave, as a filter has it.
         dt : float
-            Sampling interval in s.
+            Sampling interval in s, of an array.
 
         Returns
         -------
@@ -33,9 +42,35 @@ class Differentiator(Protocol):
         Raises
         ------
         ValueError, TypeError
-            If ``v`` is not a finite real array of shape (N, n_x) or ``dt`` is not above zero.
+            If ``v`` is not a finite real array of shape (N, n_x), ``dt`` is not above zero or missing, or the steps of
+            the recording differ.
         """
         ...
+
+
+def of_recordings(method: Callable[[S, ArrayLike, float], FloatArray]) -> Callable[..., FloatArray]:
+    """A differentiator's ``estimate`` of an array, for recordings too."""
+
+    @wraps(method)
+    def estimate(self: S, v: ArrayLike | Log, dt: float | None = None) -> FloatArray:
+        if not is_log(v):
+            if dt is None:
+                raise TypeError("dt: expected a number in seconds with an array, got none")
+            return method(self, cast("ArrayLike", v), dt)
+        if dt is not None:
+            raise TypeError("dt: a recording has its own; leave it out")
+        steps = np.diff(v.times)
+        if len(steps) == 0 or np.ptp(steps) > _EQUAL * steps[0]:
+            raise ValueError("recording: expected equal steps; see recording.resample(dt)")
+        step = float(np.median(steps))
+        recursion = PhyFilter([1.0]).sampled(step).recursion
+        signals = record.checked_signals(recursion, v.x, v.g, v.f_theta, v.inertia)
+        u = record.measured_residual(recursion, *signals, steps, slice(0, len(steps)))
+        momentum = np.concatenate([np.zeros_like(u[:1]), np.cumsum(steps[:, None] * u, axis=0)])
+        found = method(self, momentum, step)
+        return found if v.f_theta is None else found + v.f_theta
+
+    return estimate
 
 
 @runtime_checkable

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from .. import _signals
 from .._sections import FloatArray
 from . import _recursion
-from .protocol import SearchRange
+from .protocol import SearchRange, of_recordings
 
 _ADVICE = "scale v"
 # From an upper bound at most four times too large; after so many, over coefficients of 24 decades, it is at rounding.
@@ -80,8 +80,9 @@ class RobustDifferentiator:
         _signals.duration("dt", dt)
         return SearchRange("k1", 1e-3, 100.0), SearchRange("k2", 1e-4, 3000.0), SearchRange("mu", 1e-2, 1e5)
 
+    @of_recordings
     def estimate(self, v: ArrayLike, dt: float) -> FloatArray:
-        """Acceleration of v (N, n_x) sampled every ``dt`` seconds; see :class:`Differentiator`.
+        """Derivative of v (N, n_x) sampled every ``dt`` s, or f_hat of a recording; see :class:`TunableDifferentiator`.
 
         Raises
         ------

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from .. import _signals
 from .._sections import FloatArray
 from . import _recursion
-from .protocol import SearchRange
+from .protocol import SearchRange, of_recordings
 
 _ADVICE = "lower r"
 
@@ -68,8 +68,9 @@ class TrackingDifferentiator:
         longest = 0.5 / _signals.duration("dt", dt)
         return SearchRange("r", 1.0, 1e5), SearchRange("h0", 1.0, min(100.0, max(2.0, longest)))
 
+    @of_recordings
     def estimate(self, v: ArrayLike, dt: float) -> FloatArray:
-        """Acceleration of v (N, n_x) sampled every ``dt`` seconds; see :class:`Differentiator`.
+        """Derivative of v (N, n_x) sampled every ``dt`` s, or f_hat of a recording; see :class:`TunableDifferentiator`.
 
         Raises
         ------

@@ -7,7 +7,7 @@ from .._renamed import former
 from .adaptive import adaptive_block
 from .delay_line import delay_line, transport_delay
 from .function_block import FunctionBlock, function_block
-from .functions import BlockEvent, BlockFunctions, Memory, Variable, dependencies
+from .functions import BlockEvent, BlockFunctions, Memory, Variable
 from .hybrid import Event, HybridBlock, event, hybrid
 from .interpreted import Interpreted
 from .learned import learned_block
@@ -31,7 +31,6 @@ __all__ = [
     "Variable",
     "adaptive_block",
     "delay_line",
-    "dependencies",
     "event",
     "function_block",
     "hybrid",

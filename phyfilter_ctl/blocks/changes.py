@@ -1,4 +1,4 @@
-"""The tests of ``detect_changes`` beside a filter that runs: jumps begin in turn, each is followed for a while."""
+"""The tests of ``Separation.changes`` beside a filter that runs: jumps begin in turn, each is followed for a while."""
 
 from __future__ import annotations
 

@@ -12,9 +12,9 @@ from scipy.linalg import block_diag
 from .._sections import FloatArray, continuous_matrices
 from ..filter import SampledPhyFilter
 from ..filter.matrices import constant_inertia
-from .filter_law import filter_inputs
 from .function_block import symbols_like
 from .functions import BlockFunctions, Variable
+from .law import filter_inputs
 
 __all__ = ["continuous_filter", "continuous_law", "continuous_moving_inertia", "forward_difference", "pade"]
 

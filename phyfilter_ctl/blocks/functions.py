@@ -34,6 +34,8 @@ class Variable:
         Between which it is meant to be; infinite where nobody said.
     nominal : float
         Its usual size, above 0; 0 where nobody said.
+    optional : bool
+        Of an input: a diagram may leave it open, it is then at ``start``.
 
     Examples
     --------
@@ -48,6 +50,7 @@ class Variable:
     minimum: float = -inf
     maximum: float = inf
     nominal: float = 0.0
+    optional: bool = False
 
 
 class Memory(Protocol):
@@ -118,7 +121,7 @@ class BlockFunctions:
         What in them runs as Python.
     events : tuple of BlockEvent
     keeps_starts : bool
-        Whether inputs that nothing drives stay at their start values, as FMI has it, instead of being refused.
+        Whether all inputs that nothing drives stay at their start values, as FMI has it; else the optional ones do.
     constants : tuple of (str, object)
         Parameters that were read and are no numbers, such as a bool or a name: they stay as they were.
     """

@@ -57,6 +57,11 @@ class PhyFilterBlock(ct.StateSpace):
     def _put_out(self, t: float, x: ArrayLike, u: ArrayLike, params: Any = None) -> FloatArray:
         return self.output(t, x, u)
 
+    @property
+    def optional_inputs(self) -> tuple[str, ...]:
+        """Labels of inputs that a diagram may leave at 0: those of the learned model."""
+        return tuple(label for label in self.input_labels if label.startswith("f_theta["))
+
     def rest_state(
         self, x0: ArrayLike, g0: ArrayLike | None = None, f_theta0: ArrayLike | None = None
     ) -> FloatArray:
@@ -118,8 +123,7 @@ def phyfilter_block(
     inertia : float, (n_x,) or (n_x, n_x) array, optional
         Constant inertia M_hat; None takes that of a sampled filter's ``sampling``, else I.
     f_theta : bool
-        Whether the block has inputs for a learned model. False where there is none: f_theta is then 0, and nothing has
-        to be wired to it.
+        Whether the block has inputs for a learned model. They may be left open in a diagram; f_theta is then 0.
 
     Returns
     -------

@@ -23,9 +23,9 @@ from .continuous import (
     forward_difference,
     state_matrices,
 )
-from .filter_law import filter_inputs, filter_law
 from .function_block import FunctionBlock, copied, linear_labels, point, share, unpacked
 from .functions import BlockFunctions
+from .law import filter_inputs, filter_law
 
 __all__ = ["FilterLaw", "SampledBlock", "sampled_block"]
 
@@ -293,8 +293,8 @@ def sampled_block(
         Inertia M_hat of a filter. Constant; or which kind of M(t) is an input of the block: one number M[0], a diagonal
         M[0] ... M[n_x-1], or a matrix M[0,0], M[0,1] ... row by row. None takes that of its ``sampling``, else I.
     f_theta : bool, optional
-        Whether a filter has inputs for a learned model; None means True. False where there is none: f_theta is then 0,
-        and nothing has to be wired to it.
+        Whether a filter has inputs for a learned model; None means True. They may be left open in a diagram; f_theta
+        is then 0.
     dt : float, optional
         Seconds between instants, for BlockFunctions; a filter or a discrete system has its own.
     name : str, optional

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -67,7 +67,7 @@ def separation_block(
         Between instants. With "hold" the block takes the g that acts from this sample on, and a command may depend on
         the outputs without an algebraic loop.
     watch : str, optional
-        Part whose sudden changes are looked for as :func:`~phyfilter_ctl.estimation.detect_changes` does.
+        Part whose sudden changes are looked for as :meth:`Separation.changes <phyfilter_ctl.Separation.changes>` does.
     false_alarms, within : float
         Of these tests, as there.
     restart : bool
@@ -89,15 +89,16 @@ def separation_block(
     A change that began at the start of a test leaves D times its size in the state's error now, D the trace that the
     test follows. With ``restart`` the state moves by D nu and its covariance grows by D C D', where nu and C are mean
     and covariance of the size, given its signature in the innovations and the part's own prior (A. S. Willsky, H. L.
-    Jones, see :func:`~phyfilter_ctl.estimation.detect_changes`): the filter that had known when, but not how much.
+    Jones, see :meth:`Separation.changes <phyfilter_ctl.Separation.changes>`): the filter that had known when, but not
+    how much.
 
     Raises
     ------
     TypeError
         If an argument is of another kind.
     ValueError
-        As :func:`separate` and :func:`~phyfilter_ctl.estimation.detect_changes`, or if x and the scalars are more than
-        24 states.
+        As :func:`separate` and :meth:`Separation.changes <phyfilter_ctl.Separation.changes>`, or if x and the
+        scalars are more than 24 states.
 
     Examples
     --------
@@ -297,7 +298,10 @@ def _functions(
     ]
     return BlockFunctions(
         _named(before),
-        (*_named(signals), *_named({parts[i].name: each for i, each in phi.items()})),
+        (
+            *(replace(v, optional=v.name.startswith("f_theta[")) for v in _named(signals)),
+            *_named({parts[i].name: each for i, each in phi.items()}),
+        ),
         tuple(
             Variable(label)
             for label in (

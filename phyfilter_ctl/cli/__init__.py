@@ -21,7 +21,7 @@ from .. import __version__, models
 from .._output import add_quiet, check_target, noted_writes
 from .wording import in_options
 
-__all__ = ["describe_commands", "main"]
+__all__ = ["main"]
 
 _EPILOG = """examples:
   phyfilter-ctl run drone                                      fly a drone with unknown mass in unseen wind
@@ -60,7 +60,11 @@ _COMMANDS = {
 
 _RUN_EPILOG = """examples:
   phyfilter-ctl run drone
-  phyfilter-ctl run acceleration --help"""
+  phyfilter-ctl run acceleration --help
+
+files to read and to copy are run by Python itself:
+  python -m phyfilter_ctl.models.drone.example       # one for each model
+  python -m phyfilter_ctl.models.everyday.pendulum   # dc_motor, two_link_arm, differential_drive, vertical_axis"""
 
 # What is nothing without a further word shows its help.
 _BARE = ([], ["run"], ["fmu"], ["log"])

@@ -124,15 +124,17 @@ def main(options: argparse.Namespace) -> int:
     refuse_unused(options, dict.fromkeys(("time", "x", "f_theta"), (options.log, "--log")))
     known = options.log or options.residual or options.slope is not None
     refuse_unused(options, {"implementation": (known, "a bound: --slope, --residual or --log")})
-    from .. import filterfile
     from ..analysis import analyze
     from ..design.optimal import residual_statistics
-    from ..filter import SampledPhyFilter
+    from ..filter import SampledPhyFilter, Sampling
+    from ..filterfile.document import read_noted
     from ..values import Bounded, Loop
     from .channels import by_channel, figures_below, text_of
 
-    signals = filterfile.load_signals(options.file)
-    channels = by_channel(filterfile.load(options.file), signals.channels)
+    filter, noted = read_noted(options.file)
+    # A sampled filter knows its channels, inertia and units itself.
+    about = filter.sampling if isinstance(filter, SampledPhyFilter) else Sampling(1.0, **noted)
+    channels = by_channel(filter, about.names)
     statistics = residual_statistics([_log(path, options) for path in options.log]) if options.log else None
     residual = _residual(options, statistics)
     deviation = options.noise_deviation
@@ -148,17 +150,17 @@ def main(options: argparse.Namespace) -> int:
     )
     pages = {}
     for i, (name, system) in enumerate(channels.items()):
-        sampled = isinstance(system, SampledPhyFilter)  # it knows its inertia and units itself
-        noted = None if sampled else _noted_inertia(signals.inertia, i if name else None)
+        sampled = isinstance(system, SampledPhyFilter)
+        M_hat = None if sampled else _noted_inertia(about.inertia, i if name else None)
         page = analyze(
             system,
             loop,
             bounds,
             noise_deviation=deviation if sampled or options.noise_deviation else 0.0,
-            inertia=noted if options.inertia is None else options.inertia,
+            inertia=M_hat if options.inertia is None else options.inertia,
             ratios=options.inertia_ratio,
         )
-        pages[name] = page if sampled else replace(page, unit=signals.unit_f)
+        pages[name] = page if sampled else replace(page, unit=about.units.get("f", ""))
     if options.json is not None:
         figures = {name: page.to_dict() | {"statistics": statistics} for name, page in pages.items()}
         write_json(options.json, figures_below(figures))

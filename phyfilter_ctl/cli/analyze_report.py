@@ -13,7 +13,7 @@ from .._output import replacing
 from ..analysis import Analysis
 from ..app.steps import settling_time, step_response
 from ..plots.poles import PoleSet
-from ..plots.report import ReportPage, report_html, report_pdf
+from ..plots.report_pages import ReportPage, report_html, report_pdf
 
 __all__ = ["write_report"]
 

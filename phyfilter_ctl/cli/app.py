@@ -81,7 +81,7 @@ def main(options: argparse.Namespace) -> int:
             f"the designer's page needs {error.name}, which is not installed: pip install 'phyfilter-ctl[app]'"
         ) from error
     from .. import filterfile
-    from ..app import Session
+    from ..app.handling import Session
     from ..app.sessions import load_session, recording_beside
 
     if not 0 <= options.port <= 65535:

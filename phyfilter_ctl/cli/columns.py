@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import EllipsisType
 from typing import TYPE_CHECKING, Any, Protocol, get_args
@@ -12,8 +13,8 @@ from .._choices import TimeUnit
 from .._intake import LARGEST
 
 if TYPE_CHECKING:
-    from .. import filterfile
     from .._sections import FloatArray
+    from ..filter import SampledPhyFilter
     from ..recording import Recording
 
 __all__ = [
@@ -21,10 +22,10 @@ __all__ = [
     "add_columns",
     "add_largest",
     "constant_inertia",
+    "for_signals_of",
     "names_of",
     "plausibility",
     "read_columns",
-    "signals_of",
 ]
 
 # Options that name columns.
@@ -134,13 +135,10 @@ def plausibility(logs: Sequence[Recording], options: argparse.Namespace) -> list
     ValueError
         For steps of time that can hardly be seconds, unless their unit was given.
     """
-    from ..robot import Suspicion
-    from ..robot.findings import findings_of
-
     known, found = options.time_unit is not None or options.dt is not None, list[str]()
     for log in logs:
-        for finding in findings_of(log, time_unit_known=known):
-            if finding.suspicion is Suspicion.TIME_UNIT:
+        for finding in log.check(time_unit_known=known):
+            if finding.suspicion == "time_unit":
                 raise ValueError(f"{log.name}: {finding.message}")
             found.append(f"{log.name}: {finding.message}")
     return found
@@ -153,7 +151,7 @@ def _with_model(path: str | Path, log: Recording, name: str) -> Recording:
         raise ValueError(
             f"{path}: --model needs features; name their columns by --features, or feature_0, ..."
         )
-    return log.with_signals(f_theta=learned_model(name, z=log.features).predict(log.features), features=None)
+    return log.with_model(learned_model(name, z=log.features)).with_signals(features=None)
 
 
 def names_of(option: str, text: str) -> list[str]:
@@ -195,16 +193,21 @@ class DescribedLog(Protocol):
     def inertia(self) -> FloatArray | None: ...
 
 
-def signals_of(logs: Sequence[DescribedLog]) -> filterfile.Signals:
-    """What a filter file notes beside a filter for these recordings."""
+def for_signals_of(filter: SampledPhyFilter, logs: Sequence[DescribedLog]) -> SampledPhyFilter:
+    """A filter that knows the channels, the unit of x and the constant inertia of these recordings."""
     import numpy as np
-
-    from .. import filterfile
 
     inertias = [constant_inertia(log) for log in logs]
     first = inertias[0]
     same = first is not None and all(i is not None and np.array_equal(i, first) for i in inertias)
-    return filterfile.Signals(logs[0].channels, unit_x=logs[0].unit, inertia=first if same else None)
+    known = filter.sampling
+    sampling = replace(
+        known,
+        channels=known.names or logs[0].channels or None,
+        inertia=first if same else known.inertia,
+        units={"x": logs[0].unit, **known.units},
+    )
+    return replace(filter, sampling=sampling)
 
 
 def constant_inertia(log: DescribedLog) -> FloatArray | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, get_args
 
 from .._choices import Family, Form, Method
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from ..analysis.frequency import FilterResponse
     from ..design.optimal import LeastBound
     from ..filter import FilterBank, PhyFilter, SampledPhyFilter
+    from ..filter.sampling import ChannelOptions
 
 __all__ = ["add_arguments", "main"]
 
@@ -112,12 +114,13 @@ def main(options: argparse.Namespace) -> int:
     refuse_units(options)
     source = _source(options)
     from .. import filterfile
+    from ..filter import SampledPhyFilter, Sampling
     from .channels import by_channel, figures_below, responses, text_of
 
     promise = _promise(options)
-    system = _system(source, options, promise)
-    signals = filterfile.load_signals(options.file) if options.file is not None else filterfile.Signals()
-    channels = by_channel(system, signals.channels)
+    system, noted = _system(source, options, promise)
+    about = system.sampling if isinstance(system, SampledPhyFilter) else Sampling(1.0, **noted)
+    channels = by_channel(system, about.names)
     found = responses(channels)
     figures = {each.name: _figures(each.system, each, options.at or []) for each in found}
     if promise is not None:
@@ -136,7 +139,7 @@ def main(options: argparse.Namespace) -> int:
     if options.json is not None:
         write_json(options.json, figures_below(figures))
     if options.out is not None:
-        filterfile.save(options.out, system)
+        filterfile.save(options.out, system, **noted)  # pyright: ignore[reportArgumentType]  # names: no file has a number
     if picture is not None:
         import matplotlib
 
@@ -165,18 +168,21 @@ def _promise(options: argparse.Namespace) -> LeastBound | None:
 
 def _system(
     source: str, options: argparse.Namespace, promise: LeastBound | None
-) -> PhyFilter | FilterBank | SampledPhyFilter:
-    from ..filter import FilterBank, SampledPhyFilter, Sampling
+) -> tuple[PhyFilter | FilterBank | SampledPhyFilter, ChannelOptions]:
+    """The filter, and what its file notes of its channels where it is not sampled."""
+    from ..filter import SampledPhyFilter, Sampling
 
-    system = _chosen(source, options, promise)
+    system, noted = _chosen(source, options, promise)
+    if options.dt is None:
+        return system, noted
     if isinstance(system, SampledPhyFilter):
-        if options.dt is None and options.method is None:
-            return system
-        system = system.filter if len(system.filters) == 1 else FilterBank(system.filters)
-    if options.dt is not None:
-        sampling = options.dt if options.method is None else Sampling(options.dt, options.method)
-        return SampledPhyFilter(system, sampling)
-    return system
+        usual = SampledPhyFilter(system.filters, options.dt).sampling.method
+        sampling = replace(system.sampling, dt=options.dt, method=options.method or usual)
+        return replace(system, sampling=sampling), noted
+    sampled = SampledPhyFilter(
+        system, options.dt if options.method is None else Sampling(options.dt, options.method)
+    )
+    return replace(sampled, sampling=sampled.sampling.told(**noted)), {}
 
 
 def _source(options: argparse.Namespace) -> str:
@@ -220,24 +226,28 @@ def _source(options: argparse.Namespace) -> str:
 
 def _chosen(
     source: str, options: argparse.Namespace, promise: LeastBound | None
-) -> PhyFilter | FilterBank | SampledPhyFilter:
-    """The filter before sampling."""
+) -> tuple[PhyFilter | FilterBank | SampledPhyFilter, ChannelOptions]:
+    """The filter before sampling, and what its file notes."""
+    if source == "file":
+        from ..filterfile.document import read_noted
+
+        return read_noted(options.file)
+    return _made(source, options, promise), {}
+
+
+def _made(source: str, options: argparse.Namespace, promise: LeastBound | None) -> PhyFilter:
     if promise is not None:
         return promise.filter
-    from .. import filterfile
     from ..design import bandpass, lowpass, place_poles
 
-    if source == "file":
-        return filterfile.load(options.file)
+    kind = 1 if options.type is None else options.type
     if source == "--poles":
-        kind = "lowpass" if options.type is None else options.type
-        return place_poles(options.poles, numerator=kind, zeros_at=options.zeros_at or [])
+        return place_poles(options.poles, type=kind, zeros_at=options.zeros_at or [])
     if source == "--bandpass":
         low, high = options.bandpass
         order = 2 if options.order is None else options.order
         return bandpass(order, low, high, family=options.family or "butterworth")
-    kind = "lowpass" if options.type is None else options.type
-    return lowpass(options.order, options.cutoff[0], family=options.family, numerator=kind)
+    return lowpass(options.order, options.cutoff[0], family=options.family, type=kind)
 
 
 def _given(options: argparse.Namespace, names: tuple[str, ...]) -> list[str]:

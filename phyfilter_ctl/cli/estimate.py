@@ -9,14 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .._output import add_json, check_target, replacing, write_figure, write_json, write_text
-from .columns import COLUMNS, add_columns, plausibility, read_columns, signals_of
+from .columns import COLUMNS, add_columns, for_signals_of, plausibility, read_columns
 from .frequencies import add_picture_units
 from .unused import refuse_units
 
 if TYPE_CHECKING:
     from .._sections import FloatArray
     from ..analysis import FilterMargins
-    from ..estimation import Estimate, EstimatorComparison
+    from ..baselines import EstimatorComparison
+    from ..estimation import Estimate
     from ..recording import Recording
 
 __all__ = ["add_arguments", "main"]
@@ -94,7 +95,8 @@ def main(options: argparse.Namespace) -> int:
     check_target(options.picture, suffixes=(".png", ".pdf", ".svg"))
     refuse_units(options)
     from .. import filterfile
-    from ..estimation import compare_estimators, estimate
+    from ..baselines import compare
+    from ..estimation import estimate
 
     given = None if options.filter is None else filterfile.load(options.filter)
     logs, doubts = _read(options)
@@ -102,10 +104,10 @@ def main(options: argparse.Namespace) -> int:
     found = estimate(logs, given, orders=options.order, horizon=options.horizon, noise=options.noise, **rules)
     others = None
     if options.compare:
-        others = compare_estimators(logs, given, horizon=options.horizon, **rules)
+        others = compare(logs, given, horizon=options.horizon, **rules)
     margin = _margin(found, options)
     if options.save_filter is not None:
-        filterfile.save(options.save_filter, found.filter, signals=signals_of(logs))
+        filterfile.save(options.save_filter, for_signals_of(found.filter, logs))
     if options.out is not None:
         _write_table(options.out, found)
     if options.json is not None:

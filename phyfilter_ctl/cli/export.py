@@ -13,8 +13,8 @@ from .unused import refuse_unused
 if TYPE_CHECKING:
     import control as ct
 
-    from .. import filterfile
     from ..filter import FilterBank, PhyFilter, SampledPhyFilter
+    from ..filter.sampling import ChannelOptions
 
     System = ct.InputOutputSystem | PhyFilter | FilterBank | SampledPhyFilter
 
@@ -148,18 +148,18 @@ def main(options: argparse.Namespace) -> int:
         | {"fmi": packed, "platform": packed, "split": (options.ssp, "--ssp")}
         | {"real": code, "ranges": code, "fixed": code},
     )
-    system, signals = _read(options)
+    system, noted = _read(options)
     if options.ssp:
         _as_diagram(system)  # refused before the first file is written
     written: dict[str, object] = {}
     if options.fmu:
-        written["fmu"] = str(_fmu(options, system, signals))
+        written["fmu"] = str(_fmu(options, system, noted))
     if options.ssp:
         written["ssp"] = str(_ssp(options, system))
     if options.c:
-        written["c"] = str(_c(options, system, signals))
+        written["c"] = str(_c(options, system))
     if options.target:
-        written[options.target[0]] = str(_target(options, system, signals))
+        written[options.target[0]] = str(_target(options, system))
     if options.json is not None:
         write_json(options.json, written)
     if options.json != "-":
@@ -168,31 +168,26 @@ def main(options: argparse.Namespace) -> int:
     return 0
 
 
-def _read(options: argparse.Namespace) -> tuple[System, filterfile.Signals | None]:
+def _read(options: argparse.Namespace) -> tuple[System, ChannelOptions]:
     name: str = options.what
     if name in models.available() and not Path(name).is_file():
         for option in ("channels", "inertia", "dt"):
             if getattr(options, option) is not None:
                 raise ValueError(f"--{option} is for filters; {name} is a model")
-        return models.load(name).build(), None
+        return models.load(name).build(), {}
     if not Path(name).exists():
         raise ValueError(
             f"{name}: neither a filter file nor a model; models are {', '.join(models.available())}"
         )
-    from .. import filterfile
     from ..filter import SampledPhyFilter
+    from ..filterfile.document import load, read_noted
 
-    system = filterfile.load(name)
-    if options.dt is not None:
-        if isinstance(system, SampledPhyFilter):
-            raise ValueError(f"{name} is sampled every {system.dt:g} s already: leave --dt out")
-        system = system.sampled(options.dt)
-    return system, filterfile.load_signals(name)
-
-
-def _channels(options: argparse.Namespace, signals: filterfile.Signals | None) -> int | None:
-    named = len(signals.channels) if signals is not None else 0
-    return options.channels if options.channels is not None else named or None
+    system, noted = read_noted(name)
+    if options.dt is None:
+        return system, noted
+    if isinstance(system, SampledPhyFilter):
+        raise ValueError(f"{name} is sampled every {system.dt:g} s already: leave --dt out")
+    return load(name, dt=options.dt), {}
 
 
 def _platforms(options: argparse.Namespace) -> tuple[str, ...] | Literal["all"]:
@@ -201,8 +196,8 @@ def _platforms(options: argparse.Namespace) -> tuple[str, ...] | Literal["all"]:
     return () if options.platform == ["none"] else tuple(options.platform or ["native"])
 
 
-def _fmu(options: argparse.Namespace, system: System, signals: filterfile.Signals | None) -> Path:
-    from ..fmi import export_fmu
+def _fmu(options: argparse.Namespace, system: System, noted: ChannelOptions) -> Path:
+    from ..fmi import FmuPorts, export_fmu
 
     return export_fmu(
         system,
@@ -211,15 +206,17 @@ def _fmu(options: argparse.Namespace, system: System, signals: filterfile.Signal
         kinds=tuple(options.kind or ("cs", "me")),
         platforms=_platforms(options),
         name=options.name,
-        channels=_channels(options, signals),
-        max_channels=options.max_channels,
-        inertia=options.inertia,
         rate=options.rate or "communication",
-        signals=signals,
-        arrays=not options.scalars,
-        clocks=options.clocks,
-        record=options.record or [],
-        xcp=options.xcp,
+        ports=FmuPorts(
+            channels=noted.get("channels") if options.channels is None else options.channels,
+            inertia=noted.get("inertia") if options.inertia is None else options.inertia,
+            units=noted.get("units"),
+            max_channels=options.max_channels,
+            arrays=not options.scalars,
+            record=options.record or (),
+            clocks=options.clocks,
+            xcp=options.xcp,
+        ),
     )
 
 
@@ -254,7 +251,7 @@ def _ssp(options: argparse.Namespace, system: System) -> Path:
     )
 
 
-def _c(options: argparse.Namespace, system: System, signals: filterfile.Signals | None) -> Path:
+def _c(options: argparse.Namespace, system: System) -> Path:
     from ..codegen import export_c
 
     return export_c(
@@ -263,15 +260,14 @@ def _c(options: argparse.Namespace, system: System, signals: filterfile.Signals 
         real=options.real,
         ranges=_ranges(options),
         name=options.name,
-        channels=_channels(options, signals),
+        channels=options.channels,
         inertia=options.inertia,
-        signals=signals,
         tunable=not options.fixed,
         variable=not options.fixed,
     )
 
 
-def _target(options: argparse.Namespace, system: System, signals: filterfile.Signals | None) -> Path:
+def _target(options: argparse.Namespace, system: System) -> Path:
     from ..codegen import export_target
 
     target, folder = options.target
@@ -286,9 +282,8 @@ def _target(options: argparse.Namespace, system: System, signals: filterfile.Sig
         real=options.real,
         ranges=_ranges(options),
         name=options.name,
-        channels=_channels(options, signals),
+        channels=options.channels,
         inertia=options.inertia,
-        signals=signals,
     )
 
 

@@ -137,15 +137,14 @@ def _publish(options: argparse.Namespace, text: object, figures: Callable[[], ob
 
 
 def _check(options: argparse.Namespace) -> int:
-    from ..fmi import check
+    from ..fmi import Fmu, check
     from .fmu_run import isolated
 
     report = check(
-        options.file,
+        Fmu(options.file, isolated=isolated(options)),
         reference=options.reference,
         inputs_at=options.inputs_at,
         run=not options.no_run,
-        isolated=isolated(options),
     )
     _publish(options, report, lambda: json.loads(report.as_json()))
     return int(not report.ok)

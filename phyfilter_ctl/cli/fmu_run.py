@@ -125,32 +125,24 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _cosimulated(options: argparse.Namespace, times: FloatArray) -> _Result:
-    from ..fmi import cosimulate, describe, import_fmu
+    from ..fmi import Fmu, cosimulate, describe, import_fmu
 
     description = describe(options.file)
     inputs = {} if options.input is None else _inputs(options.input, times, description)[0]
-    settings = dict(map(_setting, options.set))
-    whole = options.file
+    whole = Fmu(
+        options.file,
+        parameters=dict(map(_setting, options.set)),
+        outputs=options.record,
+        clocks=_clocks(options.clock, description),
+        isolated=isolated(options),
+    )
     if options.record is not None or options.kind == "se":
-        step = float(times[1] - times[0])
-        whole = import_fmu(
-            whole,
-            kind=options.kind,
-            step=step,
-            parameters=settings,
-            outputs=options.record,
-            isolated=isolated(options),
-        )
-        settings = {}
+        whole = import_fmu(whole, kind=options.kind, step=float(times[1] - times[0]))
     response = cosimulate(
         {"fmu": whole},
-        [],
-        timepts=times,
+        times,
         inputs={f"fmu.{name}": values for name, values in inputs.items()},
-        parameters={f"fmu.{name}": value for name, value in settings.items()},
         progress=_has_bar(options),
-        isolated=isolated(options),
-        clocks={f"fmu.{name}": times for name, times in _clocks(options.clock, description).items()},
     )
     return _of_cosimulation(response)
 
@@ -168,19 +160,17 @@ def _of_cosimulation(response: CosimulationResponse) -> _Result:
 
 
 def _exchanged(options: argparse.Namespace, times: FloatArray) -> _Result:
-    from ..fmi import FmuModel, describe, import_fmu
+    from ..fmi import Fmu, FmuModel, describe, import_fmu
     from ..simulation import simulate
 
-    settings = dict(map(_setting, options.set))
-    block = import_fmu(
+    whole = Fmu(
         options.file,
-        kind="me",
-        parameters=settings,
-        start_time=float(times[0]),
+        parameters=dict(map(_setting, options.set)),
         outputs=options.record,
-        isolated=isolated(options),
         clocks=_clocks(options.clock, describe(options.file)),
+        isolated=isolated(options),
     )
+    block = import_fmu(whole, kind="me", start_time=float(times[0]))
     assert isinstance(block, FmuModel)
     names, labels = block.labels
     description = block.description
@@ -198,8 +188,7 @@ def _exchanged(options: argparse.Namespace, times: FloatArray) -> _Result:
         times,
         np.array(inputs) if inputs else None,
         interpolation="hold" if held else "linear",
-        squeeze=False,
-        progress=_has_bar(options),
+        limits={"progress": _has_bar(options)},
     )
     outputs = np.asarray(response.outputs).reshape(len(labels), len(response.time))
     return _Result(list(labels), outputs, block.messages, response.message or "", response.plot)

@@ -11,18 +11,18 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar, get_args
 
 from .._choices import Form, Method
 from .._output import add_json, add_quiet, check_target, write_figure, write_json
-from .columns import add_columns, names_of, signals_of
+from .columns import add_columns, for_signals_of, names_of
 from .frequencies import add_picture_units
 from .learn_loop import add_loop, loop_of
 from .unused import refuse_units
 
 if TYPE_CHECKING:
-    from ..design.learning import LearnEvent, LearnResult
-    from ..design.learning.stored import OneFlight
+    from ..design.learning import LearnEvent, LearnResult, Reading, Shape
+    from ..execution import Report
     from ..filter import SampledPhyFilter
     from .flights import Flights
     from .learn_report import Row
@@ -177,7 +177,7 @@ def main(options: argparse.Namespace) -> int:
         if worse:
             raise ValueError(f"{options.out}: not written: {found[-1]}")
         learned = _sampled([row.result for row in best.values()])
-        filterfile.save(options.out, learned, signals=signals_of(logs.summaries))
+        filterfile.save(options.out, for_signals_of(learned, logs.summaries))
     if picture is not None:
         _draw(picture, options, best)
     return _STOPPED if interrupt.asked else 0
@@ -185,24 +185,29 @@ def main(options: argparse.Namespace) -> int:
 
 def _axes(options: argparse.Namespace, channels: list[str], logs: Flights, best: Row) -> str:
     """What one filter each, or a matrix, would be worth."""
-    from ..design.learning import learn, learn_axes
-    from .flights import read_labelled
+    from ..design.learning import Search, learn
+    from ..filter import Sampling
 
     if channels != list(logs.summaries[0].channels):
         raise ValueError(
             "--compare-axes is of all channels: choose them by --x and --label instead of --channels"
         )
-    order, structure = best.result.order_used, _structure(options, best.form)
-
-    def learner(some: list[OneFlight]) -> LearnResult:
-        quick = {"starts": 0, "wiener": False, "cross_validate": False, "intervals": False}
-        return learn(
-            some, order, form=best.form, method=options.method, **structure, **quick, **_workers(options)
-        )
-
-    found = learn_axes(logs.logs, learner, read=partial(read_labelled, options=options))
+    found = learn(
+        logs.logs,
+        best.result.order_used,
+        shape=_shape(options, best.form),
+        sampling=Sampling(method=options.method, delay=options.delay),
+        axes="compare",
+        label=_label(options),
+        search=Search(starts=0, cross_validate=False, regularisation=options.regularisation),
+        reading=_reading(options),
+    )
     scores = ", ".join(f"{kind} {score.held_out_rmse:.4g}" for kind, score in found.scores.items())
-    advice = {"shared": "as it is", "each": "learn with --per-channel", "coupled": "use pf.learn_axes"}
+    advice = {
+        "shared": "as it is",
+        "each": "learn with --per-channel",
+        "coupled": 'use pf.learn(axes="compare")',
+    }
     return (
         f"axes, RMSE on what was not learned from: {scores}; chosen: {found.choice} ({advice[found.choice]})"
     )
@@ -247,31 +252,39 @@ def _check(options: argparse.Namespace) -> None:
         seen.add(path)
 
 
-def _workers(options: argparse.Namespace) -> dict[str, Any]:
-    """Options of :func:`learn` on who reads files."""
-    return {"workers": options.workers, "scheduler": options.scheduler}
+def _reading(options: argparse.Namespace, report: Report | None = None) -> Reading:
+    """How files are read, and by whom."""
+    from ..design.learning import Reading
+    from ..execution import silent
+    from .flights import read_labelled
+
+    workers = options.workers if options.scheduler is None else options.scheduler
+    return Reading(partial(read_labelled, options=options), workers=workers, report=report or silent)
 
 
-def _structure(options: argparse.Namespace, form: Form) -> dict[str, Any]:
-    """Options of :func:`learn` on what F is made to be."""
+def _label(options: argparse.Namespace) -> Literal["given", "offset"]:
+    return "offset" if options.label_offset else "given"
+
+
+def _shape(options: argparse.Namespace, form: Form) -> Shape:
+    """What F is made to be."""
+    from ..design.learning import Shape
+
     found: dict[str, Any] = {
         "pole_range": None
         if options.pole_range is None
-        else tuple(_numbers("--pole-range", options.pole_range, float)),
+        else _numbers("--pole-range", options.pole_range, float),
         "damping": options.damping,
         "poles": _numbers("--poles", options.poles, complex),
-        "regularisation": options.regularisation,
-        "label_offset": options.label_offset,
-        "delay": options.delay,
     }
-    if form == "lowpass":
-        return found
-    return found | {
-        "dc_gain": _dc_gain(options),
-        "type": options.type,
-        "zeros_at": _numbers("--zeros-at", options.zeros_at, float),
-        "blocked_at": _numbers("--blocked-at", options.blocked_at, float),
-    }
+    if form == "general":
+        found |= {
+            "dc_gain": _dc_gain(options),
+            "type": 1 if options.type is None else options.type,
+            "zeros_at": _numbers("--zeros-at", options.zeros_at, float),
+            "blocked_at": _numbers("--blocked-at", options.blocked_at, float),
+        }
+    return Shape(form, **found)
 
 
 def _dc_gain(options: argparse.Namespace) -> float | None:
@@ -372,8 +385,8 @@ def _row(
     interrupt: _Interrupt,
     bar: _Bar,
 ) -> Row | None:
-    from ..design.learning import learn
-    from .flights import read_labelled
+    from ..design.learning import Search, learn
+    from ..filter import Sampling
     from .learn_report import Row, form_name
 
     bar.set_description(f"{form_name(form)}, order {order}")
@@ -386,21 +399,22 @@ def _row(
         result = learn(
             logs.logs,
             order,
-            form=form,
-            starts=options.starts,
+            shape=_shape(options, form),
+            sampling=Sampling(
+                method=options.method, g=options.g_rule, f_theta=options.f_theta_rule, delay=options.delay
+            ),
             channels=channels,
+            label=_label(options),
             held_out=held_out.logs or None,
-            seed=options.seed,
-            method=options.method,
-            g=options.g_rule,
-            f_theta=options.f_theta_rule,
-            callback=report,
-            cross_validate=True if len(logs.logs) > 1 else None,
             loop=loop_of(options),
-            read=partial(read_labelled, options=options),
-            report=bar.set_postfix_str,
-            **_workers(options),
-            **_structure(options, form),
+            search=Search(
+                starts=options.starts,
+                seed=options.seed,
+                regularisation=options.regularisation,
+                cross_validate=True if len(logs.logs) > 1 else None,
+                callback=report,
+            ),
+            reading=_reading(options, bar.set_postfix_str),
         )
     except ValueError:
         if interrupt.asked:  # before anything was found

@@ -96,8 +96,10 @@ def _known(result: LearnResult) -> list[str]:
         if p.imag >= 0.0:
             turn = f" +- {p.imag:.4g}j (+- {imaginary:.2g})" if p.imag else ""
             poles.append(f"{p.real:.4g} +- {real:.2g}{turn}")
-    (low, high), gain = found.rmse, found.dc_gain
-    at_rest = "F(0) = 1 by construction" if gain == (1.0, 1.0) else f"F(0) {gain[0]:.3g} to {gain[1]:.3g}"
+    _, low, high = found.rmse
+    gain, lowest, highest = found.dc_gain
+    fixed = gain == lowest == highest == 1.0
+    at_rest = "F(0) = 1 by construction" if fixed else f"F(0) {lowest:.3g} to {highest:.3g}"
     return [
         f"95 % intervals, from {found.kind}: RMSE {low:.4g} to {high:.4g}; {at_rest}",
         f"  poles in rad/s: {', '.join(poles)}",

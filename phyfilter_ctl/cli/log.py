@@ -70,7 +70,7 @@ def main(options: argparse.Namespace) -> int:
 
 def _figures(log: LogFile) -> dict[str, object]:
     """What the JSON holds."""
-    from ..logfiles import suggestions
+    from ..logfiles.suggesting import suggestions
     from ..results import plain
 
     return {
@@ -85,7 +85,7 @@ def _figures(log: LogFile) -> dict[str, object]:
 
 
 def _text(log: LogFile) -> str:
-    from ..logfiles import suggestions
+    from ..logfiles.suggesting import suggestions
 
     spans = [topic.clock.last for topic in log.topics if topic.count]
     lines = [f"{log.path}: {log.format}, topics: {len(log.topics)}, {max(spans, default=0.0):.6g} s"]

@@ -14,7 +14,6 @@ _OTHERWISE = {
     "deviation": "--noise",
     "kinds": "--kind",
     "modulus_margin": "--margin",
-    "numerator": "--type",
     "omega": "--at",
     "orders": "--order",
     "outputs": "--record",

@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING
 from .._renamed import former
 from .binding import Library
 from .compiled import CompiledModel, CompiledRun, compile_model
-from .compiler import Compiler, CompilerError, compile_sources, find_compiler
+from .compiler import Compiler, CompilerError, find_compiler
 from .export import export_c
 from .export_target import export_target
-from .filter_source import FilterSource, filter_source
 from .instance import Instance
 from .model import CModel
 
@@ -19,14 +18,11 @@ __all__ = [
     "CompiledRun",
     "Compiler",
     "CompilerError",
-    "FilterSource",
     "Instance",
     "Library",
     "compile_model",
-    "compile_sources",
     "export_c",
     "export_target",
-    "filter_source",
     "find_compiler",
 ]
 

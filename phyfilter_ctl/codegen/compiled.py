@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _signals
+from .._renamed import takes_limits
 from ..diagram.model import FlatModel
+from ..execution.limits import Limits, limits_of
 from ..results import Result
 from .binding import Library, Progress, address, glue_source
 from .casadi_source import Real
@@ -107,6 +109,7 @@ class CompiledModel:
         """One instance of the model, to be run step by step."""
         return Instance(self.model, self.library)
 
+    @takes_limits
     def simulate(
         self,
         timepts: ArrayLike,
@@ -120,9 +123,8 @@ class CompiledModel:
         rtol: float = 1e-8,
         atol: float = 1e-10,
         interpolation: Literal["linear", "hold"] = "linear",
+        limits: Limits | Mapping[str, object] | None = None,
         progress: Callable[[int], None] | None = None,
-        max_steps: int = 0,
-        time_limit: float | None = None,
     ) -> CompiledRun:
         """A whole run in one call of C, other Python threads running meanwhile.
 
@@ -148,12 +150,11 @@ class CompiledModel:
             Adaptive: error of a step below atol + rtol |x|, state by state.
         interpolation : {"linear", "hold"}
             Inputs between the times: on straight lines, or held until the next.
+        limits : Limits or mapping, optional
+            {"max_steps": 10_000, "time_limit": 5.0}: steps that may be tried, and seconds of this machine's time; None
+            means no bound.
         progress : callable, optional
             Called every 50 ms with the number of times reached. Then Ctrl-C ends the run too.
-        max_steps : int
-            Steps that may be tried; 0: no bound.
-        time_limit : float, optional
-            Seconds of this machine's time.
 
         Returns
         -------
@@ -165,6 +166,9 @@ class CompiledModel:
             If a shape, a name or a number is not as said, or the model refuses the parameters.
         """
         library = self.library
+        allowed = limits_of(limits, "CompiledModel.simulate")
+        if allowed.progress:
+            raise ValueError("limits: progress is a callable here, progress=...")
         times = _times(timepts)
         u = None if inputs is None else self._matrix("inputs", inputs, len(times), len(self.model.inputs))
         if method not in _METHODS:
@@ -183,7 +187,7 @@ class CompiledModel:
         if sampled_state is not None:
             instance.set_sampled_states(sampled_state)
         longest = 0.0 if max_step is None or max_step == float("inf") else float(max_step)
-        solver = library.solver(_METHODS[method], longest, rtol, atol, max_steps)
+        solver = library.solver(_METHODS[method], longest, rtol, atol, allowed.max_steps or 0)
         shape = [len(self.model.states), len(self.model.outputs), len(self.model.sampled_states)]
         results = [np.full((len(times), n), np.nan, library.dtype) for n in shape]
         reached, shared = ct.c_double(), Progress()
@@ -195,10 +199,10 @@ class CompiledModel:
                 interpolation == "linear", *map(address, results), ct.byref(shared), ct.byref(reached),
             )  # fmt: skip
 
-        if progress is None and time_limit is None:
+        if progress is None and allowed.time_limit is None:
             status = run()
         else:
-            status = _watched(run, shared, solver, progress, time_limit)
+            status = _watched(run, shared, solver, progress, allowed.time_limit)
         states, outputs, sampled = (np.asarray(result, dtype=np.float64) for result in results)
         message = _MESSAGES.get(status, "status {status} at t = {t:.9g} s").format(
             t=reached.value, status=status, event=self._latest_event(instance)

@@ -11,7 +11,7 @@ from ..diagram.model import Task
 from ..filter import SampledPhyFilter
 from .casadi_source import Real
 from .diagram_header import TaskText, checked, in_comment, in_string
-from .filter_source import LEAST, FilterSource, filter_source
+from .filter_code import LEAST, FilterSource, filter_source
 
 __all__ = ["FilterTask", "filter_task"]
 
@@ -57,7 +57,7 @@ def filter_task(
     Parameters
     ----------
     task : Task
-        Whose inputs are x, g, f_theta and M, as of :func:`phyfilter_ctl.blocks.filter_law`.
+        Whose inputs are x, g, f_theta and M, as of :func:`phyfilter_ctl.blocks.law.filter_law`.
     law : FilterLaw
     name : str
         C name of the filter.
@@ -78,9 +78,7 @@ def filter_task(
     """
     sampled = law.sampled
     if real == "float":
-        sampled = SampledPhyFilter(
-            sampled.filters, replace(sampled.sampling, precision="float32"), E=sampled.E
-        )
+        sampled = SampledPhyFilter(sampled.filters, replace(sampled.sampling, precision="float32"))
     source = filter_source(
         sampled,
         law.channels,

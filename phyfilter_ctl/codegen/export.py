@@ -9,16 +9,16 @@ from typing import Literal
 import control as ct
 from numpy.typing import ArrayLike
 
+from .._renamed import takes_signals
 from ..diagram import FlatModel, flatten
 from ..filter import FilterBank, PhyFilter, SampledPhyFilter
-from ..filterfile import Signals
-from ..filterfile.document import settled_signals
-from .export_diagram import export_diagram
-from .export_filter import export_filter
+from .diagram_folder import export_diagram
+from .filter_folder import export_filter
 
 __all__ = ["export_c"]
 
 
+@takes_signals
 def export_c(
     system: ct.InputOutputSystem | FlatModel | SampledPhyFilter,
     folder: str | Path,
@@ -28,7 +28,6 @@ def export_c(
     name: str | None = None,
     channels: int | None = None,
     inertia: ArrayLike | Literal["scalar", "diagonal", "full"] | None = None,
-    signals: Signals | None = None,
     tunable: bool = True,
     variable: bool = True,
     step: float | None = None,
@@ -50,9 +49,9 @@ def export_c(
         overflows, and the error has the bound that :func:`fixed_point` tells.
     name : str, optional
         Prefix of all symbols, a C identifier.
-    channels, inertia, signals
-        Of a filter: number of channels of x; constant inertia or the kind that is an input; names and units. What is
-        not given comes from ``signals``, then from the filter's ``sampling``; without an inertia anywhere M_hat = I.
+    channels, inertia
+        Of a filter: number of channels of x; constant inertia or the kind that is an input. What is not given comes
+        from the filter's ``sampling``, as names and units do; without an inertia there M_hat = I.
         With ``g="hold"``, ``step``, ``live.step`` and C take the g that acted since the last sample; ``run``, blocks
         and FMUs take the g that acts from this sample on. With ``g="average"`` all take g at this sample.
     tunable : bool
@@ -78,7 +77,7 @@ def export_c(
     TypeError
         If the system is of another kind; a continuous filter needs ``sampled(dt)``.
     ValueError
-        As :func:`export_diagram` and :func:`export_filter`.
+        If a name is not one of C, a step does not fit the system, or the system has what C cannot hold; it says which.
     FileExistsError
         If the folder holds files that no export wrote.
 
@@ -93,9 +92,9 @@ def export_c(
     if isinstance(system, PhyFilter | FilterBank):
         raise TypeError("a continuous filter has no steps: expected a sampled one, filter.sampled(dt)")
     if isinstance(system, SampledPhyFilter):
-        named = settled_signals(system, signals)
-        known = system.sampling.channels_or(channels) or len(named.channels)
-        known = known or (system.E.shape[0] if system.E is not None else len(system.filters))
+        known = system.sampling.channels_or(channels) or (
+            system.E.shape[0] if system.E is not None else len(system.filters)
+        )
         if step is not None or substeps != 1 or operating_points:
             raise ValueError(
                 "step, substeps and operating_points are those of a diagram; a filter has its dt"
@@ -110,10 +109,9 @@ def export_c(
             name=name or "phyfilter",
             variable=variable,
             tunable=tunable,
-            signals=signals,
         )
-    if channels is not None or inertia is not None or signals is not None:
-        raise ValueError("channels, inertia and signals are those of a filter; a diagram brings its own")
+    if channels is not None or inertia is not None:
+        raise ValueError("channels and inertia are those of a filter; a diagram brings its own")
     if real == "q31" or ranges is not None:
         raise ValueError(
             "real='q31' and ranges are those of a filter; a diagram is exported as float or double"

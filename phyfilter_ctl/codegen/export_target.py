@@ -13,14 +13,13 @@ from typing import Literal, get_args
 import control as ct
 from numpy.typing import ArrayLike
 
+from .._renamed import takes_signals
 from ..diagram import FlatModel
 from ..filter import SampledPhyFilter
-from ..filterfile import Signals
-from ..filterfile.document import settled_inertia, settled_signals
 from .export import export_c
 from .export_folder import write_folder
+from .filter_code import which_g
 from .filter_guard import guard_costs, guard_sources, guard_stack
-from .filter_source import which_g
 from .target_autopilots import autopilot_values, check_autopilot
 
 __all__ = ["Target", "export_target"]
@@ -66,6 +65,7 @@ int status = @name@_step(&self, u, y);  /* not 0: the state is as before, see sr
 _PLACE = re.compile(r"@(\w+)@")
 
 
+@takes_signals
 def export_target(
     system: ct.InputOutputSystem | FlatModel | SampledPhyFilter,
     target: Target,
@@ -76,7 +76,6 @@ def export_target(
     name: str | None = None,
     channels: int | None = None,
     inertia: ArrayLike | Literal["scalar", "diagonal", "full"] | None = None,
-    signals: Signals | None = None,
 ) -> Path:
     """Write a sampled filter or a diagram as a package for a target's own build.
 
@@ -90,7 +89,7 @@ def export_target(
         velocity per unit of mass, the third on the body rates, in float).
     folder : str or Path
         Written whole or not at all; files that no export wrote are not touched.
-    real, ranges, name, channels, inertia, signals
+    real, ranges, name, channels, inertia
         As :func:`export_c`. "q31" is for cmake and arduino, without the guard.
 
     Returns
@@ -125,7 +124,7 @@ def export_target(
     if target in _AUTOPILOTS:
         if isinstance(system, SampledPhyFilter):
             channels = system.sampling.channels_or(channels)
-            inertia = settled_inertia(system, inertia, settled_signals(system, signals))
+            inertia = system.sampling.inertia if inertia is None else inertia
         check_autopilot(target, system, name or "phyfilter", channels, inertia)
         real, channels = real or ("double" if target == "ros2" else "float"), 3
     if target == "rust" and not isinstance(system, SampledPhyFilter):
@@ -136,7 +135,7 @@ def export_target(
         written = export_c(
             system,
             Path(parent, "code"),
-            real=real, ranges=ranges, name=name, channels=channels, inertia=inertia, signals=signals,
+            real=real, ranges=ranges, name=name, channels=channels, inertia=inertia,
         )  # fmt: skip
         sources = {path.name: path.read_text(encoding="utf-8") for path in written.glob("*.[ch]")}
     tests = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .export_folder import own_symbols
-from .filter_source import runtime_files
+from .filter_code import runtime_files
 
 __all__ = ["guard_costs", "guard_sources", "guard_stack"]
 

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..analysis import FixedPoint
-from ..filterfile import Signals
-from .filter_source import describe, runtime_files, which_g, wrapped
+from .filter_code import describe, runtime_files, which_g, wrapped
 from .identifiers import checked_identifier
 
 __all__ = ["fixed_source"]
@@ -51,9 +50,7 @@ int main(void) {{
 """
 
 
-def fixed_source(
-    fixed: FixedPoint, channels: int, *, name: str = "phyfilter", signals: Signals | None = None
-) -> dict[str, str]:
+def fixed_source(fixed: FixedPoint, channels: int, *, name: str = "phyfilter") -> dict[str, str]:
     """C sources of a filter in fixed point, with a program that checks itself on recorded integers.
 
     Parameters
@@ -63,8 +60,6 @@ def fixed_source(
         Number of channels of x, g, f_theta and f_hat.
     name : str
         C identifier, prefix of all symbols.
-    signals : Signals, optional
-        Names of the channels and units, for the comments.
 
     Returns
     -------
@@ -97,7 +92,7 @@ def fixed_source(
         g_text=which_g(fixed.sampled),
     )
     return {
-        f"{name}.h": _header(fixed, channels, name, Signals() if signals is None else signals),
+        f"{name}.h": _header(fixed, channels, name),
         f"{name}.c": _code(fixed, channels, name),
         f"{name}_vectors.h": _vectors(fixed, channels, name),
         "main.c": main,
@@ -105,7 +100,7 @@ def fixed_source(
     }
 
 
-def _header(fixed: FixedPoint, channels: int, name: str, signals: Signals) -> str:
+def _header(fixed: FixedPoint, channels: int, name: str) -> str:
     sampled, order = fixed.sampled, fixed.sampled.order
     above = np.diagonal(fixed.dA, 1)
     lowpass = not np.any(sampled.transition[2] - np.eye(order)[-1])
@@ -130,7 +125,7 @@ def _header(fixed: FixedPoint, channels: int, name: str, signals: Signals) -> st
     return f"""\
 /* {name}: a sampled PhyFilter in 32-bit integers. pf_q31.h says how it is used.
  *
-{describe(sampled, channels, channels, signals, "32-bit integers")}
+{describe(sampled, channels, channels, "32-bit integers")}
  *
  * Integers of x, g, f_theta and f_hat are in steps of {", ".join(_step(fixed, key) for key in _SIGNALS)}.
  * For inputs on these steps and within their ranges |f_hat - f_hat of exact arithmetic| <= {fixed.error_bound:.3g}.

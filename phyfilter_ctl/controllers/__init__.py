@@ -1,14 +1,16 @@
 """Controllers of the vehicles in ``plants``: tracking laws as sampled blocks, the aerial manipulator's
 planner, and the filter of legged robots' joint torques."""
 
-from .allocation import allocate
+from functools import partial
+from typing import TYPE_CHECKING
+
+from .._renamed import former
 from .arm import arm_controller
-from .attitude import AttitudeGains, attitude_error, attitude_gains
+from .attitude import AttitudeGains
 from .indi import indi
 from .joint_torque import JointFilterState, JointTorqueFilter
-from .known_force import KnownForce, known_force
-from .known_torque import known_torque
 from .l1_adaptive import l1_adaptive
+from .multirotor import Multirotor
 from .planner import (
     CooperativePlanner,
     PathSample,
@@ -18,28 +20,25 @@ from .planner import (
     PlannerWeights,
     follow,
 )
-from .tracking import attitude_controller, position_controller
+from .tracking import attitude_controller
 
 __all__ = [
     "AttitudeGains",
     "CooperativePlanner",
     "JointFilterState",
     "JointTorqueFilter",
-    "KnownForce",
+    "Multirotor",
     "PathSample",
     "Plan",
     "PlannedPath",
     "PlannerLimits",
     "PlannerWeights",
-    "allocate",
     "arm_controller",
     "attitude_controller",
-    "attitude_error",
-    "attitude_gains",
     "follow",
     "indi",
-    "known_force",
-    "known_torque",
     "l1_adaptive",
-    "position_controller",
 ]
+
+if not TYPE_CHECKING:  # which is to see a wrong name
+    __getattr__ = partial(former, __name__)

@@ -11,11 +11,10 @@ from ..plants import (
     cross,
     norm,
     plant,
-    quaternion_product,
     rotate_back,
     stack,
 )
-from ..plants.algebra import Array
+from ..plants.algebra import Array, quaternion_product
 from ..plants.factory import Results
 
 __all__ = ["arm_controller"]
@@ -52,7 +51,8 @@ def arm_controller(
     Returns
     -------
     SampledBlock
-        Inputs d_ref and d_rate_ref (end effector less platform, m and m/s, world axes), q, r and r_ref (m, world);
+        Inputs d_ref and d_rate_ref (end effector less platform, m and m/s, world axes; optional: at home and at rest),
+        q, r and r_ref (m, world);
         outputs joint_ref and joint_rate_ref. Parameters tilt_bandwidth and share. It starts level.
 
     Raises
@@ -92,6 +92,7 @@ def arm_controller(
             "r": (zero, "m", "position of the platform, world"),
             "r_ref": (zero, "m", "wanted position of the platform"),
         },
+        optional=["d_ref", "d_rate_ref"],
         outputs={"joint_ref": ("rad", "commanded angles"), "joint_rate_ref": ("rad/s", "commanded rates")},
         params={
             "tilt_bandwidth": (tilt_bandwidth, "rad/s", "corner of the attitude's low-pass filter"),

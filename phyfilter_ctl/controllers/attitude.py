@@ -61,7 +61,7 @@ def attitude_error(q: Array, wanted: Array) -> Array:
 
 
 class AttitudeGains(NamedTuple):
-    """Gains for :func:`attitude_controller`, made by :func:`attitude_gains`.
+    """Gains for :func:`attitude_controller`, made by :meth:`Multirotor.gains`.
 
     Parameters
     ----------

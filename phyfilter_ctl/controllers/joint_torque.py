@@ -21,7 +21,12 @@ from ..filter import SampledPhyFilter, Sampling, StepConstants
 from ..filter.recursion import applied, increment, mean, momentum, output, residual
 from ..plants.legged import JointQuantities, JointSpacePrior
 
-__all__ = ["JointFilterState", "JointTorqueFilter"]
+__all__ = [
+    "AntiWindup",
+    "Gate",
+    "JointFilterState",
+    "JointTorqueFilter",
+]
 
 FloatArray = NDArray[np.floating]
 AntiWindup = Literal["none", "clamp", "back_calculation", "residual"]

@@ -89,8 +89,8 @@ def l1_adaptive(
     >>> block = l1_adaptive(dt=0.01, pole=-2.0, bandwidth=20.0, channels=1)
     >>> body = ct.ss(0.0, 1.0, 1.0, 0.0, inputs="f", outputs="x[0]", name="body")
     >>> diagram = ct.interconnect([body, block], inputs=["f", "g[0]"], outputs="f_hat[0]")
-    >>> response = pf.simulate(diagram, [0.0, 1.0], [2.0, 0.0], squeeze=True)
-    >>> response.outputs[-1].round(3).item(), (2.0 * np.exp(-0.02)).round(3).item()
+    >>> response = pf.simulate(diagram, [0.0, 1.0], [2.0, 0.0])
+    >>> response.outputs["f_hat[0]"][-1].round(3).item(), (2.0 * np.exp(-0.02)).round(3).item()
     (1.96, 1.96)
     """
     n_x = _channels(channels)

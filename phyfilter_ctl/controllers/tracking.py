@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _signals
+from .._renamed import takes_rotors
 from ..blocks.sampled import SampledBlock, sampled_block
 from ..plants.algebra import Array, cross, dot, norm, quaternion_product, rotate, rotate_back, stack, where
 from ..plants.declaration import Columns
@@ -17,7 +20,10 @@ from ._equations import (
     each_axis,
 )
 from .allocation import allocate
-from .attitude import attitude_error
+from .attitude import AttitudeGains, attitude_error
+
+if TYPE_CHECKING:
+    from .multirotor import Multirotor
 
 __all__ = ["attitude_controller", "position_controller"]
 
@@ -124,6 +130,7 @@ def position_controller(
             "a_ref": (zero, "m/s^2", "wanted acceleration"),
             "f_hat": (zero, "N", "estimated unknown force, world"),
         },
+        optional=["f_hat"],
         outputs={"F": ("N", "wanted thrust, world")},
         params={
             "mass": (mass, "kg", "nominal mass"),
@@ -144,19 +151,12 @@ def position_controller(
     return sampled_block(law, name=name)
 
 
+@takes_rotors
 def attitude_controller(
+    vehicle: Multirotor,
+    gains: AttitudeGains,
     *,
-    mass: float,
-    J: ArrayLike,
-    arm: float,
-    torque_ratio: float,
-    gravity: float = 9.81,
-    rotor_max: float,
-    kR: ArrayLike,
-    kw: ArrayLike,
-    motor_lag: float,
-    lead_filter: float,
-    delay: float = 0.0,
+    dt: float,
     thrust_lead: float | None = None,
     tilt_lead: float = 0.0,
     rate_feedforward: float = 1.0,
@@ -165,7 +165,6 @@ def attitude_controller(
     yaw: float = 0.0,
     trim: ArrayLike | None = None,
     torque_estimate: bool = False,
-    dt: float,
     name: str = "attitude",
 ) -> SampledBlock:
     """Rotor thrusts that point the thrust of a multirotor along a wanted force, and make it as large.
@@ -176,30 +175,19 @@ def attitude_controller(
         T      = (F + thrust_lead m j_ref) . R e_z
         rotors = allocate(T, (1 + motor_lag s)/(1 + lead_filter s) tau - trim)
 
-    with the attitude error e of :func:`attitude_error` from the measured attitude R to the one whose z axis is z at
-    heading ``yaw``, and :func:`allocate` for the limits.
+    with the attitude error e (``controllers/attitude.py``) from the measured attitude R to the one whose z axis is z at
+    heading ``yaw``, and ``controllers/allocation.py`` for the limits.
 
     Parameters
     ----------
-    mass : float
-        Nominal mass m in kg.
-    J : (3,) array
-        Moments of inertia about the body's axes in kg m^2.
-    arm, torque_ratio : float
-        As for :func:`phyfilter_ctl.plants.allocation_matrix`, in m.
-    gravity : float
-        m/s^2; of use for ``lift_min`` only.
-    rotor_max : float
-        Largest thrust of a rotor in N.
-    kR, kw : number or (2,) array
-        Gains of attitude error in 1/s^2 and of angular rate in 1/s: tilt and yaw, or one for both; see
-        :func:`attitude_gains`.
-    motor_lag : float
-        Time constant of the rotors' thrust in s, which the lead of the torque takes out of the loop; 0 for no lead.
-    lead_filter : float
-        Time constant in s that takes its place; the lead multiplies the gyroscope's noise by motor_lag/lead_filter.
-    delay : float
-        Time in s by which the commands reach the rotors late; of use for ``thrust_lead`` only.
+    vehicle : Multirotor
+        Its nominal mass, inertia, rotors, gravity and delay. A motor_lag of 0 means no lead of the torque.
+    gains : AttitudeGains
+        kR of attitude error in 1/s^2, kw of angular rate in 1/s, tilt and yaw, and lead_filter, the time constant in s
+        that takes the motor lag's place (the lead multiplies the gyroscope's noise by motor_lag/lead_filter): of
+        :meth:`Multirotor.gains`.
+    dt : float
+        Sampling interval in seconds.
     thrust_lead : float, optional
         How much earlier the size of the thrust is asked for, in s. None means motor_lag + delay + dt/2, with which
         it arrives in time; 0 means not at all.
@@ -219,8 +207,6 @@ def attitude_controller(
         none, and no parameter.
     torque_estimate : bool
         Whether there is an input tau_hat, the estimate of an unknown torque; without it tau_hat is 0.
-    dt : float
-        Sampling interval in seconds.
     name : str
         Name of the block.
 
@@ -228,14 +214,16 @@ def attitude_controller(
     -------
     SampledBlock
         Inputs F (N, world), q, omega (rad/s, body), j_ref (m/s^3, world) and, if asked for, tau_hat (N m, body); output
-        thrust (N, command to each rotor). All numbers but ``delay`` and ``dt`` are parameters of the block, gains
+        thrust (N, command to each rotor). All numbers but the delay and ``dt`` are parameters of the block, gains
         with two entries.
 
     Raises
     ------
     ValueError
-        For masses, inertias, lengths or times that are not positive, gains that are negative or of another shape, or a
-        tilt_max that is not between 0 and pi/2.
+        For times or a lift that are not positive, gains that are negative or of another shape, or a tilt_max that is
+        not between 0 and pi/2.
+    TypeError
+        For a vehicle or gains of another kind.
 
     Notes
     -----
@@ -248,37 +236,28 @@ def attitude_controller(
     --------
     Hover needs a quarter of the weight from each rotor:
 
-    >>> block = attitude_controller(mass=3.0, J=[0.035, 0.035, 0.06], arm=0.25, torque_ratio=0.016, rotor_max=16.2,
-    ...                             kR=[100.0, 4.0], kw=[20.0, 4.0], motor_lag=0.04, lead_filter=0.01, dt=0.002)
+    >>> from phyfilter_ctl.controllers import Multirotor
+    >>> drone = Multirotor(mass=3.0)
+    >>> block = attitude_controller(drone, drone.gains(0.002), dt=0.002)
     >>> values = [entry.start for entry in block.law.parameters]
     >>> hover = [0.0, 0.0, 29.43, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     >>> block.law.output(0.0, [0.0] * 3, hover, values).full().ravel().round(4).tolist()
     [7.3575, 7.3575, 7.3575, 7.3575]
     """
-    thrust_lead = motor_lag + delay + 0.5 * dt if thrust_lead is None else thrust_lead
-    for label, value, unit in (
-        ("mass", mass, "kg"),
-        ("arm", arm, "m"),
-        ("torque_ratio", torque_ratio, "m"),
-        ("gravity", gravity, "m/s^2"),
-        ("rotor_max", rotor_max, "N"),
-        ("lead_filter", lead_filter, "s"),
-        ("lift_min", lift_min, "weights"),
-        ("dt", dt, "s"),
-    ):
-        _signals.number(label, value, unit, above=0.0)
-    for label, value in (
-        ("motor_lag", motor_lag),
-        ("delay", delay),
-        ("thrust_lead", thrust_lead),
-        ("tilt_lead", tilt_lead),
-    ):
-        _signals.number(label, value, "s", least=0.0)
+    if not (hasattr(vehicle, "rotor_max") and isinstance(gains, AttitudeGains)):
+        raise TypeError(
+            "attitude_controller: expected a Multirotor and AttitudeGains, such as its gains(dt), got "
+            f"{type(vehicle).__name__} and {type(gains).__name__}"
+        )
+    _signals.number("dt", dt, "s", above=0.0)
+    lead = vehicle.motor_lag + vehicle.delay + 0.5 * dt if thrust_lead is None else thrust_lead
+    _signals.number("gravity", vehicle.gravity, "m/s^2", above=0.0)
+    _signals.number("lead_filter", gains.lead_filter, "s", above=0.0)
+    _signals.number("lift_min", lift_min, "weights", above=0.0)
+    _signals.number("thrust_lead", lead, "s", least=0.0)
+    _signals.number("tilt_lead", tilt_lead, "s", least=0.0)
     if not 0.0 < tilt_max < 0.5 * np.pi:
         raise ValueError(f"tilt_max: expected an angle between 0 and pi/2 rad, got {tilt_max}")
-    inertia = _signals.filled("J", J, (3,), least=0.0)
-    if inertia.min() <= 0.0:
-        raise ValueError(f"J: expected three positive moments of inertia in kg m^2, got {J!r}")
     zero = np.zeros(3)
 
     def equations(t: Array, x: Columns, u: Columns, p: Columns) -> tuple[Results, Results]:
@@ -312,25 +291,26 @@ def attitude_controller(
         name=name,
         states={"smooth": (zero, "N m", "smoothed torque of the lead")},
         inputs={
-            "F": ([0.0, 0.0, mass * gravity], "N", "wanted thrust, world"),
+            "F": ([0.0, 0.0, vehicle.mass * vehicle.gravity], "N", "wanted thrust, world"),
             "q": ([1.0, 0.0, 0.0, 0.0], "", "attitude quaternion, body to world"),
             "omega": (zero, "rad/s", "angular velocity, body"),
             "j_ref": (zero, "m/s^3", "wanted jerk"),
             **estimate,
         },
+        optional=list(estimate),
         outputs={"thrust": ("N", "commanded thrust of each rotor")},
         params={
-            "mass": (mass, "kg", "nominal mass"),
-            "J": (inertia, "kg m^2", "moments of inertia"),
-            "arm": (arm, "m", "rotor to centre of mass"),
-            "torque_ratio": (torque_ratio, "m", "yaw torque per thrust"),
-            "gravity": (gravity, "m/s^2", "gravity, against z"),
-            "rotor_max": (rotor_max, "N", "largest thrust of a rotor"),
-            "kR": (_signals.filled("kR", kR, (2,), least=0.0), "1/s^2", "attitude gain, tilt and yaw"),
-            "kw": (_signals.filled("kw", kw, (2,), least=0.0), "1/s", "rate gain, tilt and yaw"),
-            "motor_lag": (motor_lag, "s", "time constant that the lead takes out"),
-            "lead_filter": (lead_filter, "s", "time constant that takes its place"),
-            "thrust_lead": (thrust_lead, "s", "how much earlier thrust is asked for"),
+            "mass": (vehicle.mass, "kg", "nominal mass"),
+            "J": (vehicle.J, "kg m^2", "moments of inertia"),
+            "arm": (vehicle.arm, "m", "rotor to centre of mass"),
+            "torque_ratio": (vehicle.torque_ratio, "m", "yaw torque per thrust"),
+            "gravity": (vehicle.gravity, "m/s^2", "gravity, against z"),
+            "rotor_max": (vehicle.rotor_max, "N", "largest thrust of a rotor"),
+            "kR": (_signals.filled("kR", gains.kR, (2,), least=0.0), "1/s^2", "attitude gain, tilt and yaw"),
+            "kw": (_signals.filled("kw", gains.kw, (2,), least=0.0), "1/s", "rate gain, tilt and yaw"),
+            "motor_lag": (vehicle.motor_lag, "s", "time constant that the lead takes out"),
+            "lead_filter": (gains.lead_filter, "s", "time constant that takes its place"),
+            "thrust_lead": (lead, "s", "how much earlier thrust is asked for"),
             "tilt_lead": (tilt_lead, "s", "how much earlier tilt is asked for"),
             "rate_feedforward": (rate_feedforward, "", "share of the rate fed forward"),
             "tilt_max": (tilt_max, "rad", "largest tilt asked for"),

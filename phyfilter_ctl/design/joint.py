@@ -21,7 +21,7 @@ from ..filter import PaperFilter, PhyFilter, SampledPhyFilter
 from ..learned import FitResult, LearnedModel
 from ..learned.model import expect_model
 from ..recording import Recording
-from ..results import Result, Status
+from ..results import Result, SearchResult, Status
 from .adjoint.costs import SquaredError, StageCost
 from .adjoint.gradient import Record, listed, record_of, terms_of
 from .adjoint.rollout import Form, Rollout
@@ -67,7 +67,7 @@ class JointGradient(Result):
 
 
 @dataclass(frozen=True, repr=False)
-class JointResult(Result, Generic[M]):
+class JointResult(Result, SearchResult[tuple[M, PhyFilter]]):
     """What :func:`learn_jointly` gave.
 
     Attributes
@@ -93,6 +93,11 @@ class JointResult(Result, Generic[M]):
     held_out: tuple[float, ...]
     status: Status
     message: str
+
+    @property
+    def best(self) -> tuple[M, PhyFilter]:
+        """``model`` and ``filter``: what every search calls what it found."""
+        return self.model, self.filter
 
 
 def joint_gradient(

@@ -15,10 +15,11 @@ from scipy.optimize import brentq
 
 from .. import _signals
 from .._choices import Family
+from .._renamed import takes_numerator
 from .._sections import ComplexArray, FloatArray
 from ..filter import PhyFilter
 
-__all__ = ["Family", "bandpass", "hz", "lowpass", "numerator_of_type", "place_poles"]
+__all__ = ["Family", "bandpass", "hz", "lowpass", "place_poles"]
 
 # ITAE standard forms with a_0 = 1: the inner coefficients a_1 ... a_{n-1} of D that minimise the integral of t |e|
 # for a step into 1/D (the criterion of Graham and Lathrop, 1953; their figures came from an analogue computer and
@@ -60,10 +61,12 @@ def hz(frequency: float) -> float:
     return 2.0 * np.pi * _signals.number("frequency", frequency, "Hz")
 
 
+@takes_numerator
 def place_poles(
     poles: ArrayLike,
     *,
-    numerator: Literal["lowpass"] | int | Sequence[float] | FloatArray = "lowpass",
+    type: SupportsIndex = 1,
+    numerator: Sequence[float] | FloatArray | None = None,
     zeros_at: ArrayLike = (),
 ) -> PhyFilter:
     """Return the filter with these poles and a numerator chosen by what 1 - F must cancel.
@@ -72,13 +75,15 @@ def place_poles(
     ----------
     poles : array_like, shape (n,)
         Roots of D in rad/s; complex ones in conjugate pairs. They are kept exactly.
-    numerator : "lowpass", int or array_like of shape (n,)
-        "lowpass": N = a_0. An integer k, 1 <= k <= n: type k, b_i = a_i for i < k and 0 beyond, so that 1 - F has k
-        zeros at s = 0 (k = n is N = D - s^n). A sequence: the ascending coefficients b_0 ... b_{n-1} themselves.
+    type : int
+        Zeros k of 1 - F at s = 0, 1 <= k <= n: b_i = a_i for i < k and 0 beyond. 1 is the low-pass form, N = a_0; k = n
+        is N = D - s^n. Residuals that are polynomials in t of degree k - 1 are followed with no steady error.
+    numerator : array_like, shape (n,), optional
+        The ascending coefficients b_0 ... b_{n-1} themselves, in place of a type.
     zeros_at : array_like, shape (m,), optional
         Angular frequencies w > 0 in rad/s at which 1 - F vanishes too, so that a residual periodic there is
-        followed with no steady error (internal model). A type k is kept ("lowpass" counts as k = 1) and
-        b_k ... b_{k+2m-1} are solved from (D - N)(j w) = 0; this needs an order n >= k + 2 m.
+        followed with no steady error (internal model). The type k is kept and b_k ... b_{k+2m-1} are solved from
+        (D - N)(j w) = 0; this needs an order n >= k + 2 m.
 
     Returns
     -------
@@ -88,8 +93,8 @@ def place_poles(
     ------
     ValueError
         If a pole is not in the open left half plane or lacks its conjugate; if the type is outside 1 ... n; if
-        frequencies in ``zeros_at`` are not positive and distinct, need a higher order (which one is said), or stand
-        beside coefficients given as a sequence.
+        frequencies in ``zeros_at`` are not positive and distinct, need a higher order (which one is said), or the
+        coefficients are given and a type or frequencies as well.
 
     Notes
     -----
@@ -102,7 +107,7 @@ def place_poles(
     --------
     >>> place_poles([-20, -20])
     PhyFilter(a=[400.0, 40.0])
-    >>> place_poles([-20, -20], numerator=2).type
+    >>> place_poles([-20, -20], type=2).type
     2
     >>> hum = place_poles([-20, -20, -20], zeros_at=[6.0])
     >>> hum.type, bool(abs(hum.error(6j)) < 1e-12)
@@ -110,58 +115,26 @@ def place_poles(
     """
     shape = PhyFilter.from_poles(poles)
     frequencies = _frequencies(zeros_at)
-    if isinstance(numerator, str):
-        if numerator != "lowpass":
+    if numerator is not None:
+        if len(frequencies) or type != 1:
             raise ValueError(
-                f'numerator: expected "lowpass", a type 1 ... {shape.order} or the coefficients b_0 ... '
-                f"b_{shape.order - 1}, got {numerator!r}"
-            )
-        if len(frequencies) == 0:
-            return shape
-        numerator = 1
-    if isinstance(numerator, Sequence) or np.ndim(numerator) > 0:
-        if len(frequencies):
-            raise ValueError(
-                "zeros_at: the zeros of 1 - F decide the numerator, which is already given by its coefficients; "
-                "give one of the two, or a type as numerator"
+                f"{'zeros_at' if len(frequencies) else 'type'}: the zeros of 1 - F decide the numerator, which is "
+                "already given by its coefficients; give one of the two"
             )
         return PhyFilter.from_poles(poles, _signals.array("numerator", numerator, (shape.order,)))
-    kind = _type("numerator", numerator, shape.order)
+    kind = _type("type", type, shape.order)
+    if kind == 1 and len(frequencies) == 0:
+        return shape
     return PhyFilter(shape.a, _cancelling(shape.a, kind, frequencies), poles=shape.poles)
 
 
-def numerator_of_type(a: ArrayLike, k: SupportsIndex) -> FloatArray:
-    """Ascending coefficients b, shape (n,), of the numerator of type k: b_i = a_i for i < k, 0 beyond.
-
-    Parameters
-    ----------
-    a : array_like, shape (n,)
-        Ascending coefficients of D.
-    k : int
-        Number of zeros of 1 - F at s = 0, 1 <= k <= n. Residuals that are polynomials in t of degree k - 1 are
-        followed with no steady error.
-
-    Raises
-    ------
-    ValueError
-        If ``a`` is not a vector or ``k`` is outside 1 ... n.
-
-    Examples
-    --------
-    >>> numerator_of_type([8000.0, 1200.0, 60.0], 2).tolist()
-    [8000.0, 1200.0, 0.0]
-    """
-    b = _signals.array("a", a, ("n",))
-    b[_type("k", k, len(b)) :] = 0.0
-    return b
-
-
+@takes_numerator
 def lowpass(
     order: SupportsIndex,
     cutoff: float,
     *,
     family: Family = "binomial",
-    numerator: Literal["lowpass"] | int = "lowpass",
+    type: SupportsIndex = 1,
     norm: Literal["magnitude", "natural"] = "magnitude",
 ) -> PhyFilter:
     """Return the filter of a family with a given cutoff.
@@ -175,10 +148,10 @@ def lowpass(
     family : "binomial", "butterworth", "bessel" or "itae"
         Binomial: n equal poles, no overshoot. Butterworth: flattest magnitude. Bessel: flattest delay. ITAE: least
         integral of t |e| for a step residual.
-    numerator : "lowpass" or int
+    type : int
         As in :func:`place_poles`.
     norm : "magnitude" or "natural"
-        "magnitude": |F(j cutoff)| = 1/sqrt(2), the first time |F| falls to it, whatever the family and numerator.
+        "magnitude": |F(j cutoff)| = 1/sqrt(2), the first time |F| falls to it, whatever the family and type.
         "natural": a_0 = cutoff^n, so binomial poles are all at -cutoff.
 
     Returns
@@ -188,7 +161,7 @@ def lowpass(
     Raises
     ------
     ValueError
-        If the order, the cutoff, the family, the numerator or the norm is none of the above.
+        If the order, the cutoff, the family, the type or the norm is none of the above.
 
     Notes
     -----
@@ -207,16 +180,12 @@ def lowpass(
     n = _order(order)
     cutoff = _frequency("cutoff", cutoff)
     poles = _prototype(n, family)
-    kind: Literal["lowpass"] | int = "lowpass"
-    if numerator != "lowpass":
-        if np.ndim(numerator) > 0 or isinstance(numerator, str):
-            raise ValueError(f'numerator: expected "lowpass" or a type 1 ... {n}, got {numerator!r}')
-        kind = _type("numerator", numerator, n)
+    kind = _type("type", type, n)
     if norm == "magnitude":
-        cutoff = cutoff / _half_power(place_poles(poles, numerator=kind))
+        cutoff = cutoff / _half_power(place_poles(poles, type=kind))
     elif norm != "natural":
         raise ValueError(f'norm: expected "magnitude" or "natural", got {norm!r}')
-    return place_poles(poles * cutoff, numerator=kind)
+    return place_poles(poles * cutoff, type=kind)
 
 
 def bandpass(
@@ -318,8 +287,10 @@ def _lag(dt: float, delay: float, centre: float) -> float:
 def _cancelling(a: FloatArray, kind: int, frequencies: FloatArray) -> FloatArray:
     """Numerator of type ``kind`` with (D - N)(j w) = 0 at the frequencies."""
     n, solved = len(a), 2 * len(frequencies)
+    b = a.copy()
+    b[kind:] = 0.0
     if solved == 0:
-        return numerator_of_type(a, kind)
+        return b
     if kind + solved > n:
         raise ValueError(
             f"zeros_at: type {kind} and {len(frequencies)} frequencies need order {kind} + 2 x {len(frequencies)} = "
@@ -340,7 +311,6 @@ def _cancelling(a: FloatArray, kind: int, frequencies: FloatArray) -> FloatArray
     head = np.concatenate([np.zeros(solved), (a / powers)[kind + solved :], [1.0]])
     quotient, _ = polynomial.polydiv(head, cancel)
     kept = polynomial.polymul(quotient, cancel)[:-1] * powers[kind:]
-    b = numerator_of_type(a, kind)
     b[kind : kind + solved] = a[kind : kind + solved] - kept[:solved]
     return b
 

@@ -7,7 +7,7 @@ from .._renamed import former
 from .equations import AlgebraicLoop, FlatEvent
 from .flattening import flatten
 from .model import FlatModel, Task
-from .opening import between, open_loop
+from .opening import between
 
 __all__ = [
     "AlgebraicLoop",
@@ -16,7 +16,6 @@ __all__ = [
     "Task",
     "between",
     "flatten",
-    "open_loop",
 ]
 
 if not TYPE_CHECKING:  # which is to see a wrong name

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..blocks.functions import BlockEvent, BlockFunctions, Variable
 from ..blocks.hybrid import HybridBlock
+from ..blocks.phyfilter import PhyFilterBlock
 from .branches import DefaultsError
 from .probing import different_defaults
 from .tracing import trace
@@ -181,10 +182,11 @@ def linear_functions(system: ct.StateSpace, path: str) -> BlockFunctions:
     >>> linear_functions(ct.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]]), "lag").feedthrough.tolist()
     [[False]]
     """
+    optional = system.optional_inputs if isinstance(system, PhyFilterBlock) else ()
     system = state_space(system, path)
     return BlockFunctions(
         states=tuple(Variable(label) for label in system.state_labels),
-        inputs=tuple(Variable(label) for label in system.input_labels),
+        inputs=tuple(Variable(label, optional=label in optional) for label in system.input_labels),
         outputs=tuple(Variable(label) for label in system.output_labels),
         parameters=(),
         dynamics=linear_function("dynamics", "txup", system.A, system.B),

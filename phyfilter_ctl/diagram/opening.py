@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
@@ -37,7 +38,8 @@ def open_loop(
         Any diagram that :func:`flatten` takes.
     signal : str or sequence of str
         ``block.signal``, an input (opened in front of that input alone) or an output (opened behind it, for all that
-        read it) of a block; blocks of a diagram inside as ``diagram.block.signal``. Several are opened all at once.
+        read it) of a block; blocks of a diagram inside as ``diagram.block.signal``. Several are opened all at once, and
+        so are all of a vector: ``block.v`` for v[0], v[1], ...
     x0, u0, params, t
         Point of linearisation, as for :meth:`FlatModel.linearize`.
 
@@ -71,7 +73,7 @@ def open_loop(
     >>> open_loop(loop, "p.u").dcgain().item()
     2.0
     """
-    signals = signals_of(signal)
+    signals = signals_of(signal, system)
     p = len(signals)
     flat = flatten(probed(system, signals), unconnected="zero")
     closed = flat.linearize(x0, probed_inputs(system, u0, p), params, t)
@@ -104,8 +106,8 @@ def between(
     system : control.InterconnectedSystem
         Any diagram that :func:`flatten` takes.
     source : str or sequence of str
-        Where d is added: an input of the diagram, or ``block.signal`` as for :func:`open_loop` (an input of a block:
-        for that input alone; an output: behind it, for all that read it).
+        Where d is added: an input of the diagram, or ``block.signal`` as for ``open_loop`` (an input of a block:
+        for that input alone; an output: behind it, for all that read it). ``block.v`` is all of a vector.
     target : str or sequence of str
         What is read: an output of the diagram, or ``block.signal``. An input is read as the block receives it, with d;
         an output as the block puts it out, without. So the sensitivity S is from an input of a block to itself, and
@@ -129,7 +131,7 @@ def between(
     Notes
     -----
     A name that the diagram has too is the diagram's. Sampled blocks count as their continuous equivalents, as for
-    :func:`open_loop`; :func:`phyfilter_ctl.linearize_sampled` counts hold and sampling.
+    ``open_loop``; :func:`phyfilter_ctl.linearize_sampled` counts hold and sampling.
 
     Examples
     --------
@@ -144,8 +146,9 @@ def between(
     >>> response.magnitude.shape
     (2, 1, 3)
     """
-    sources, targets = signals_of(source), signals_of(target)
     diagram = _diagram(system)
+    sources = signals_of(source, diagram, diagram.input_labels)
+    targets = signals_of(target, diagram, diagram.output_labels)
     added = [name for name in sources if name not in diagram.input_labels]
     read = [name for name in targets if name not in diagram.output_labels]
     flat = flatten(probed(probed(diagram, added), read, received=True), unconnected="zero")
@@ -166,22 +169,49 @@ def between(
     )
 
 
-def signals_of(signal: str | Sequence[str]) -> tuple[str, ...]:
-    """One signal or several as a tuple.
+def signals_of(
+    signal: str | Sequence[str], system: ct.InputOutputSystem, own: Sequence[str] = ()
+) -> tuple[str, ...]:
+    """One signal or several as a tuple, the elements in the place of a whole vector.
 
     Parameters
     ----------
     signal : str or sequence of str
+    system : control.InputOutputSystem
+        Whose signals they are.
+    own : sequence of str
+        Labels of the diagram itself that count, before those of its blocks.
 
     Raises
     ------
+    TypeError
+        If it is neither a name nor a sequence of them.
     ValueError
         If there is none, or one twice.
     """
-    signals = (signal,) if isinstance(signal, str) else tuple(signal)
+    several = isinstance(signal, Sequence) and all(isinstance(each, str) for each in signal)
+    if not several:
+        raise TypeError(f"signal: expected 'block.signal', or several of them, got {signal!r}")
+    names = (signal,) if isinstance(signal, str) else signal
+    signals = tuple(each for name in names for each in _elements(system, name, own))
     if not signals or len(set(signals)) < len(signals):
         raise ValueError(f"signal: expected one or several different signals, got {signals}")
     return signals
+
+
+def _elements(system: ct.InputOutputSystem, name: str, labels: Sequence[str] = ()) -> tuple[str, ...]:
+    """The signals name[0], name[1], ... of a vector; the name alone where it is one signal, or none."""
+    if name in labels:
+        return (name,)
+    if whole := [label for label in labels if re.fullmatch(re.escape(name) + r"\[[\d,]+\]", label)]:
+        return tuple(dict.fromkeys(whole))
+    for part in system.syslist if isinstance(system, ct.InterconnectedSystem) else ():
+        if name.startswith(f"{part.name}."):
+            rest = name[len(part.name) + 1 :]
+            inner = _elements(part, rest, [*part.input_labels, *part.output_labels])
+            if inner != (rest,):
+                return tuple(f"{part.name}.{each}" for each in inner)
+    return (name,)
 
 
 def loop_gain(
@@ -218,7 +248,7 @@ def probed(
     ----------
     system : control.InterconnectedSystem
     signals : sequence of str
-        As for :func:`open_loop`.
+        As for ``open_loop``.
     received : bool
         Read inputs of blocks as the blocks receive them, with all that is added there.
 

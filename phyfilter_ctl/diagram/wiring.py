@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
+import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -19,6 +22,8 @@ from .leaves import block_functions, linear_functions, with_values
 __all__ = ["Block", "Rules", "Wiring", "input_variables", "output_variables", "wire"]
 
 Unconnected = Literal["error", "zero"]
+# Share of letters in common from which two names may be one misspelt.
+_ALIKE = 0.75
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +163,9 @@ def wire(system: ct.InputOutputSystem, given: Mapping[str, object], rules: Rules
         for signal in block.inputs:
             del wiring.sums[signal]
     _check_names([block.path for block in wiring.blocks], "blocks")
-    _keep_starts(wiring)
+    slips = _keep_starts(wiring)
+    if slips and rules.unconnected == "error":
+        raise ValueError(slips)
     missing = _undriven(wiring)
     if missing and rules.unconnected == "error":
         raise ValueError(_what_to_type(wiring, missing))
@@ -339,21 +346,64 @@ def _check_single_drivers(diagram: ct.InterconnectedSystem, path: str) -> None:
             raise ValueError(f"output {label}{where} is driven by {' and by '.join(sources)}; {way_out}")
 
 
-def _keep_starts(wiring: Wiring) -> None:
-    """Inputs that nothing drives have their start values, where their block has it so."""
-    for block in wiring.blocks:
-        for signal, variable in zip(block.inputs, block.functions.inputs, strict=True):
-            if block.functions.keeps_starts and not _is_driven(wiring, signal):
+def _keep_starts(wiring: Wiring) -> str:
+    """Inputs that nothing drives have their start values, where their block has it so; what looks like a slip there."""
+    left: list[tuple[str, str]] = []
+    undriven = set(_undriven(wiring))
+    for block in wiring.blocks if undriven else ():
+        entries = zip(block.inputs, block.functions.inputs, strict=True)
+        open_ones = [(signal, variable) for signal, variable in entries if signal in undriven]
+        if not open_ones:
+            continue
+        count = Counter(_base(variable.name) for variable in block.functions.inputs)
+        open_count = Counter(_base(variable.name) for _, variable in open_ones)
+        for signal, variable in open_ones:
+            base = _base(variable.name)
+            whole = variable.optional and open_count[base] == count[base]  # half a vector is a slip
+            if whole or block.functions.keeps_starts:
                 wiring.sums[signal], wiring.starts[signal] = [], variable.start
+            if whole and (block.path, base) not in left:
+                left.append((block.path, base))
+    return _slip(wiring, left) if left else ""
 
 
-def _is_driven(wiring: Wiring, signal: int) -> bool:
-    if signal in wiring.producers or signal in wiring.inputs:
-        return True
-    return any(_is_driven(wiring, term) for term, _ in wiring.sums.get(signal, ()))
+def _slip(wiring: Wiring, left: Sequence[tuple[str, str]]) -> str:
+    """An optional input that is left open while an output of another block, called nearly so, drives nothing."""
+    used = set(wiring.outputs) | {signal for block in wiring.blocks for signal in block.inputs}
+    pending = list(used)
+    while pending:
+        for term, _ in wiring.sums.get(pending.pop(), ()):
+            if term not in used:
+                used.add(term)
+                pending.append(term)
+    unused = [
+        (block.path, _base(variable.name))
+        for block in wiring.blocks
+        for signal, variable in zip(block.outputs, block.functions.outputs, strict=True)
+        if signal not in used
+    ]
+    for path, base in left:
+        for other, output in unused:
+            if other != path and _alike(base, output):
+                return (
+                    f"nothing drives {path}.{base}, which would stay at its default, and {other}.{output} drives "
+                    f"nothing: wire the one to the other, or, where this is meant, make {other}.{output} an output of "
+                    'the diagram, or take flatten(diagram, unconnected="zero")'
+                )
+    return ""
+
+
+def _alike(first: str, second: str) -> bool:
+    a, b = first.lower(), second.lower()
+    return a == b or difflib.SequenceMatcher(None, a, b).ratio() >= _ALIKE
+
+
+def _base(label: str) -> str:
+    return re.sub(r"\[[\d,]+\]$", "", label)
 
 
 def _undriven(wiring: Wiring) -> list[int]:
+    """Inputs of blocks that nothing drives."""
     followers: dict[int, list[int]] = {}
     for signal, terms in wiring.sums.items():
         for term, _ in terms:
@@ -370,26 +420,33 @@ def _undriven(wiring: Wiring) -> list[int]:
 
 def _what_to_type(wiring: Wiring, missing: Sequence[int]) -> str:
     """Which inputs nothing drives, how to drive them and how to leave them."""
-    undriven, models, label = set(missing), [], ""
+    undriven, label = set(missing), ""
     for block in wiring.blocks:
         open_inputs = [
             v.name for s, v in zip(block.inputs, block.functions.inputs, strict=True) if s in undriven
         ]
         label = label or (open_inputs[0] if open_inputs else "")
-        learned = {v.name for v in block.functions.inputs if v.name.startswith("f_theta[")}
-        filters = all(v.name.startswith("f_hat[") for v in block.functions.outputs)
-        if learned and filters and learned <= set(open_inputs):
-            models.append((block.path, "sampled_block" if block.filter else "phyfilter_block"))
     names = [wiring.names[s] for s in missing]
-    text = (
-        f"nothing drives {', '.join(names)}. To drive it, give interconnect "
+    return (
+        f"nothing drives {', '.join(names)}{_near(wiring, missing[0])}. To drive it, give interconnect "
         f'connections=[["{names[0]}", "block.output"]], or an output of a block or an input of the diagram called '
         f'"{label}" where it wires by name. To leave it 0, take flatten(diagram, unconnected="zero") for simulate and '
         'the exports, and export_ssp(diagram, path, unconnected="zero")'
     )
-    for path, maker in models:
-        text += f". Block {path} has no learned model: make it with {maker}(..., f_theta=False)"
-    return text
+
+
+def _near(wiring: Wiring, signal: int) -> str:
+    """Outputs of other blocks that are called like an input that nothing drives."""
+    path, _, label = wiring.names[signal].rpartition(".")
+    outputs = {
+        f"{block.path}.{v.name}": v.name
+        for block in wiring.blocks
+        if block.path != path
+        for v in block.functions.outputs
+    }
+    close = difflib.get_close_matches(label, outputs.values(), 3, _ALIKE)
+    found = [name for name, output in outputs.items() if output in close]
+    return f" (called alike: {', '.join(found[:3])})" if found else ""
 
 
 def input_variables(wiring: Wiring, labels: Sequence[str]) -> tuple[Variable, ...]:

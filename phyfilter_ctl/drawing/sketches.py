@@ -94,25 +94,26 @@ def _of_one(
 
 def _of_package(path: Path) -> Package:
     from ..fmi import describe
-    from ..fmi.ssp_read import opened_ssp
+    from ..fmi.ssp_read import read_package
 
-    with opened_ssp(path) as system:
-        boxes = []
-        for name, file in system.parts.items():
-            found = describe(file)
-            ins, outs = (
-                tuple(label for v in found.of(side) for label in v.labels) for side in ("input", "output")
-            )
-            boxes.append(Box(name, ins, outs, Symbol("block", note=f"FMI {found.fmi}"), _units(found)))
-        wires: dict[str, dict[str, float]] = {}
-        for wire in system.wires:
-            wires.setdefault(wire.sink, {})[wire.source] = wire.gain
-        for label, sinks in system.inputs.items():
-            for wire in sinks:
-                wires.setdefault(wire.sink, {})[label] = wire.gain
-        outputs = {label: {source: 1.0} for label, source in system.outputs.items()}
-        sketch = sketch_of(system.name, boxes, wires, tuple(system.inputs), outputs)
-        return Package(**vars(sketch), geometry=system.geometry)
+    package = read_package(path)
+    system = package.system
+    boxes = []
+    for name, file in package.files.items():
+        found = describe(file)
+        ins, outs = (
+            tuple(label for v in found.of(side) for label in v.labels) for side in ("input", "output")
+        )
+        boxes.append(Box(name, ins, outs, Symbol("block", note=f"FMI {found.fmi}"), _units(found)))
+    wires: dict[str, dict[str, float]] = {}
+    for wire in package.wires:
+        wires.setdefault(wire.sink, {})[wire.source] = wire.gain
+    for label, sinks in system.ends.items():
+        for wire in sinks:
+            wires.setdefault(wire.sink, {})[label] = wire.gain
+    outputs = {label: {source: 1.0} for label, source in system.outputs.items()}
+    sketch = sketch_of(package.name, boxes, wires, tuple(system.inputs), outputs)
+    return Package(**vars(sketch), geometry=package.geometry)
 
 
 def _of_filter(filter: PhyFilter | FilterBank | SampledPhyFilter) -> Sketch:

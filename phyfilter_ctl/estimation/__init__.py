@@ -1,16 +1,19 @@
 """From recordings to an answer: the force that the model missed, how sure that is, and which filter shows it.
 
 ``estimate`` is the front. ``spectrum`` shows where the model misses something, ``levels`` tells it from the noise,
-``noise`` is for noise that is known from elsewhere, ``suggestion`` finds the filter of least expected error without
-labels, ``prediction`` tests it, ``model_value`` says what the learned model is worth beside it, ``comparison`` puts
-other people's estimators beside it, ``smoothing`` makes a label from both sides,
+``noise`` has what is known of it from elsewhere, ``suggestion`` finds the filter of least expected error without
+labels, ``prediction`` tests it, ``model_value`` says what the learned model is worth, ``smoothing``
+makes a label from both sides,
 ``separation`` tells payload, wind and model error apart, or says that they cannot be.
 """
 
-from .comparison import EstimatorComparison, compare_estimators
+from functools import partial
+from typing import TYPE_CHECKING
+
+from .._renamed import former
 from .estimate import Estimate, estimate
 from .model_value import ModelValue, model_value
-from .noise import known_noise, measurement_noise
+from .noise import Noise
 from .prediction import Prediction
 from .separation import (
     AddedInertia,
@@ -27,11 +30,10 @@ from .separation import (
     SensorBias,
     Separation,
     SteadyForce,
-    detect_changes,
     separate,
 )
 from .smoothing import SmoothedLabel, smooth_label
-from .spectrum import NoiseLevel, ResidualSpectrum
+from .spectrum import ResidualSpectrum
 from .suggestion import Suggestion
 
 __all__ = [
@@ -40,11 +42,10 @@ __all__ = [
     "ColouredForce",
     "Combination",
     "Estimate",
-    "EstimatorComparison",
     "Identifiability",
     "ModelScale",
     "ModelValue",
-    "NoiseLevel",
+    "Noise",
     "Part",
     "PartEstimate",
     "PartialSum",
@@ -57,12 +58,11 @@ __all__ = [
     "SmoothedLabel",
     "SteadyForce",
     "Suggestion",
-    "compare_estimators",
-    "detect_changes",
     "estimate",
-    "known_noise",
-    "measurement_noise",
     "model_value",
     "separate",
     "smooth_label",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = partial(former, __name__)

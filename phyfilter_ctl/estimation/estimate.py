@@ -13,16 +13,15 @@ from numpy.typing import ArrayLike
 
 from .. import _signals
 from .._sections import FloatArray
-from ..design.optimal import Interval
 from ..filter import FilterBank, PhyFilter, SampledPhyFilter, stack
 from ..filter.sampling import NonFinite, Rule
 from ..recording import Recording
 from ..recording.agreement import lag_sums, late_g, late_text
-from ..results import Result
+from ..results import Interval, Result
 from .levels import separate
-from .noise import given_noise
+from .noise import Noise, given_noise
 from .prediction import Prediction, prediction
-from .spectrum import NoiseLevel, ResidualSpectrum
+from .spectrum import ResidualSpectrum
 from .steps import Steps, mean_g, steps_of
 from .suggestion import Search, Suggestion, Unlabelled, suggest
 
@@ -44,7 +43,7 @@ class Estimate(Result):
         The one given, else the one suggested.
     f_hat : tuple of (N, n_x) arrays
         The estimate of f for each recording.
-    noise : NoiseLevel
+    noise : Noise
         Of M x.
     noise_deviation : (n_x,) array
         Standard deviation of f_hat that comes from that noise: its noise band. What f_hat lags behind comes on top.
@@ -85,7 +84,7 @@ class Estimate(Result):
     recordings: tuple[Recording, ...] = field(repr=False)
     filter: SampledPhyFilter
     f_hat: tuple[FloatArray, ...] = field(repr=False)
-    noise: NoiseLevel
+    noise: Noise
     noise_deviation: FloatArray
     error: Interval
     missed: FloatArray
@@ -148,7 +147,7 @@ def estimate(
     orders: Sequence[int] = (1, 2),
     horizon: float = 0.2,
     confidence: float = 0.95,
-    noise: NoiseLevel | ArrayLike | None = None,
+    noise: Noise | ArrayLike | None = None,
     dt: float | None = None,
     g: Rule = "hold",
     f_theta: Rule = "average",
@@ -168,8 +167,8 @@ def estimate(
         Of the prediction test, s; a filter that has to be chosen by prediction is by half of it.
     confidence : float
         Of all intervals. They are over the recordings where these are five or more, else over 12 stretches of them.
-    noise : NoiseLevel, float or (n_x,) array, optional
-        Of M x, by :func:`measurement_noise` (a stretch at rest) or :func:`known_noise` (covariance, spectrum), or the
+    noise : Noise, float or (n_x,) array, optional
+        Of M x, by :meth:`Noise.at_rest` (a stretch at rest) or :meth:`Noise.known` (covariance, spectrum), or the
         deviation of white noise, such as ``smooth_label(log).noise``. None finds it in the recordings: white, else an
         autoregression.
     dt : float, optional
@@ -361,7 +360,7 @@ def _missed(data: Unlabelled, logs: Sequence[Recording]) -> tuple[FloatArray, fl
 
 
 def _notes(
-    noise: NoiseLevel,
+    noise: Noise,
     suggestion: Suggestion,
     spectrum: ResidualSpectrum,
     test: Prediction,

@@ -31,7 +31,8 @@ from .likelihood import (
     levels_of,
     points_of,
 )
-from .spectrum import NoiseLevel, ResidualSpectrum, density, noise_level, residual_spectrum
+from .noise import Noise
+from .spectrum import ResidualSpectrum, density, noise_level, residual_spectrum
 from .steps import Steps, Stretch, spread, stretches
 
 __all__ = ["Separated", "separate"]
@@ -51,7 +52,7 @@ class Separated:
     ----------
     units : list
         Independent stretches of the recordings.
-    noise : NoiseLevel
+    noise : Noise
     spectrum : ResidualSpectrum
     levels : Levels
     without : list of Levels
@@ -64,7 +65,7 @@ class Separated:
     """
 
     units: list[list[Stretch]]
-    noise: NoiseLevel
+    noise: Noise
     spectrum: ResidualSpectrum
     levels: Levels
     without: list[Levels]
@@ -75,7 +76,7 @@ class Separated:
 
 def separate(
     parts: Sequence[Steps],
-    given: NoiseLevel | None,
+    given: Noise | None,
     confidence: float,
     units: list[list[Stretch]] | None = None,
 ) -> list[Separated]:
@@ -139,7 +140,7 @@ def separate(
     return found
 
 
-def _level(first: NoiseLevel, levels: Levels, without: Sequence[Levels], confidence: float) -> NoiseLevel:
+def _level(first: Noise, levels: Levels, without: Sequence[Levels], confidence: float) -> Noise:
     value, *others = (np.sqrt(each.covariance[0]) for each in (levels, *without))
     width = np.array([spread(column, confidence) for column in np.log(np.maximum(others, 1e-300)).T])
     ends = value * np.exp(-width), value * np.exp(width)

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from .._sections import FloatArray
+from .noise import covariance_of
 from .spectrum import SHARED, density, periodogram
 from .steps import Steps, Stretch
 
@@ -20,7 +21,6 @@ __all__ = [
     "bands_of",
     "channel",
     "column",
-    "covariance_of",
     "fits_of",
     "levels_of",
     "model_of",
@@ -33,7 +33,6 @@ _ITERATIONS, _STEP, _ENOUGH = 60, 1e-6, 1e-10  # of the search for the largest l
 _REFLECTIONS = ((1.5, 0.0), (1.0, -0.7), (0.0, -0.7))  # inverse hyperbolic tangents to search from, beside 0
 _SLOPE = 1e-4  # of differences
 _LAGS = 1024  # at which the covariance of an autoregression is looked at
-_NEGLIGIBLE = 1e-6  # of the variance
 _DOUBT, _MISFIT = 0.01, 0.1  # a model of the noise is wrong where less likely, and off by more, than this
 
 
@@ -85,13 +84,6 @@ class Levels:
         """Its power (n_x,) above the Nyquist frequency of these steps."""
         edge = np.array([np.pi / dt])
         return self.residual(edge, dt)[0] / (self.steepness - 1.0)
-
-
-def covariance_of(spectrum: FloatArray) -> FloatArray:
-    """Covariance (J + 1, n_x) of a spectrum (m + 1, n_x) over theta from 0 to pi, as far as it matters."""
-    found = np.fft.irfft(spectrum, axis=0)[: len(spectrum)]
-    there = np.flatnonzero(np.any(np.abs(found) > _NEGLIGIBLE * np.maximum(found[0], 1e-300), axis=1))
-    return found[: int(there[-1]) + 1] if len(there) else found[:1]
 
 
 def bands_of(parts: Sequence[Steps], units: Sequence[Sequence[Stretch]], lowest: float) -> Bands:

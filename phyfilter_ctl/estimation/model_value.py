@@ -23,15 +23,14 @@ from scipy.optimize import brentq
 from .. import _signals
 from .._sections import FloatArray
 from ..design.learning.constrained import at_speed
-from ..design.optimal import Interval
 from ..filter import FilterBank, PhyFilter, SampledPhyFilter
 from ..filter.sampling import Rule
 from ..recording import Recording
-from ..results import Result, Status
+from ..results import Interval, Result, Status
 from .estimate import checked_logs, sampled_for
 from .levels import separate
-from .noise import given_noise
-from .spectrum import NoiseLevel, residual_spectrum
+from .noise import Noise, given_noise
+from .spectrum import residual_spectrum
 from .steps import filtered, spread, steps_of
 from .suggestion import Search, Suggestion, Unlabelled, suggest
 
@@ -72,7 +71,7 @@ class ModelValue(Result):
         Butterworth filters of least expected error, each at its own bandwidth.
     best_ratio : Interval
         Error of the first over that of the second, paired.
-    noise : NoiseLevel
+    noise : Noise
         Of M x; the same for both.
     """
 
@@ -104,7 +103,7 @@ class ModelValue(Result):
     best: Suggestion
     best_without: Suggestion
     best_ratio: Interval
-    noise: NoiseLevel = field(repr=False)
+    noise: Noise = field(repr=False)
 
     @property
     def pays(self) -> bool:
@@ -191,7 +190,7 @@ def model_value(
     *,
     orders: Sequence[int] = (1, 2),
     confidence: float = 0.95,
-    noise: NoiseLevel | ArrayLike | None = None,
+    noise: Noise | ArrayLike | None = None,
     g: Rule = "hold",
     f_theta: Rule = "average",
 ) -> ModelValue:

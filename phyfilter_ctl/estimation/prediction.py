@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._sections import FloatArray
-from ..design.optimal import Interval
 from ..filter import SampledPhyFilter
-from ..results import Result
+from ..results import Interval, Result
 from .steps import Steps, filtered, jackknife, units_of
 
 Samples = NDArray[np.intp]

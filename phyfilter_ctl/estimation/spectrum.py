@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -13,13 +13,13 @@ from scipy.signal.windows import tukey
 from scipy.stats import chi2, f
 
 from .._sections import FloatArray
-from ..results import Result, Status
+from ..results import Result
+from .noise import Noise
 from .steps import Steps
 
 __all__ = [
     "BEYOND",
     "SHARED",
-    "NoiseLevel",
     "ResidualSpectrum",
     "density",
     "noise_level",
@@ -40,47 +40,13 @@ _KEPT: Any = False  # the mean, which scipy's types do not know can be kept
 _PER_DECADE = 10  # points of the smoothed spectra that are compared
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class NoiseLevel(Result):
-    """Noise v of M x: how strong, of which colour, and whether it can be told from the residual.
-
-    Attributes
-    ----------
-    value, low, high : (n_x,) arrays
-        Standard deviation of a sample, and the ends of its confidence interval, in the unit of M x.
-    covariance : (J + 1, n_x) array
-        E v_k v_(k-j) at lags of j = 0 to J steps: one row where the noise is white.
-    source : {"flight", "given", "rest"}
-        What it is from: the spectrum of u, the caller, a stretch at rest.
-    colour : (n_x,) array
-        Power of n = v_k - v_(k-1) between half and three quarters of the Nyquist frequency over that above, relative to
-        that of white v: 1 for white noise. Above: x comes out of an estimator that smooths it, or the force reaches up
-        there.
-    is_white : bool
-        Whether every channel's colour is within chance or below 1.25 either way.
-    status : Status
-        CONVERGED, or NOT_IDENTIFIED where the model of the noise does not fit or shares its band with the residual.
-    message : str
-    """
-
-    value: FloatArray
-    low: FloatArray
-    high: FloatArray
-    covariance: FloatArray = field(repr=False)
-    source: str
-    colour: FloatArray
-    is_white: bool
-    status: Status = Status.CONVERGED
-    message: str = "converged"
-
-
 def periodogram(values: FloatArray) -> FloatArray:
     """Of rows (m, n_x) at theta = 2 pi k / m, tapered; its mean over all theta is the mean square."""
     window = tukey(len(values) + 2, _TAPER)[1:-1, None]
     return np.abs(np.fft.rfft(window * values, axis=0)) ** 2 / np.sum(window**2)
 
 
-def noise_level(parts: Sequence[Steps], confidence: float) -> NoiseLevel:
+def noise_level(parts: Sequence[Steps], confidence: float) -> Noise:
     """The noise v of M x: its part of h u is v_k - v_(k-1), of spectrum 2 (1 - cos theta) s^2 over theta = omega h.
 
     The mean of the periodogram over that shape is the most likely s^2 where v is all there is. Where the steps differ,
@@ -99,7 +65,7 @@ def noise_level(parts: Sequence[Steps], confidence: float) -> NoiseLevel:
     variance, tail = both.mean(axis=0), 0.5 - 0.5 * confidence
     colour = low.mean(axis=0) / np.maximum(high.mean(axis=0), 1e-300)
     chance = float(f.ppf(1.0 - tail / len(variance), 0.5 * freedom, 0.5 * freedom))  # of any channel
-    return NoiseLevel(
+    return Noise(
         np.sqrt(variance),
         np.sqrt(variance * freedom / chi2.ppf(1.0 - tail, freedom)),
         np.sqrt(variance * freedom / chi2.ppf(tail, freedom)),

@@ -13,9 +13,9 @@ from scipy.optimize import OptimizeResult, minimize_scalar
 from scipy.stats import t as student
 
 from .._sections import FloatArray
-from ..design.optimal import Interval
 from ..filter import SampledPhyFilter, record, windows
 from ..recording import Recording
+from ..results import Interval
 
 __all__ = [
     "LEAST",

@@ -13,9 +13,8 @@ from scipy.stats import norm
 
 from .._sections import ComplexArray, FloatArray
 from ..design import lowpass
-from ..design.optimal import Interval
 from ..filter import PhyFilter, SampledPhyFilter
-from ..results import Result, Status
+from ..results import Interval, Result, SearchResult, Status
 from .levels import Separated
 from .likelihood import Levels
 from .prediction import Prediction, prediction
@@ -38,7 +37,7 @@ _SINC = np.sinc(0.5 * _THETA / np.pi)[:, None]  # of a mean over a step
 
 
 @dataclass(frozen=True, repr=False)
-class Suggestion(Result):
+class Suggestion(Result, SearchResult[PhyFilter]):
     """The filter of least expected error, found without labels.
 
     Attributes
@@ -62,6 +61,11 @@ class Suggestion(Result):
     orders: dict[int, tuple[float, float]]
     status: Status
     message: str
+
+    @property
+    def best(self) -> PhyFilter:
+        """``filter``: what every search calls what it found."""
+        return self.filter
 
 
 class Unlabelled:

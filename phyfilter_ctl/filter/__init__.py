@@ -14,21 +14,20 @@ from .._renamed import former
 from .bank import FilterBank, SampledBank, stack
 from .live import LiveFilter
 from .live_rules import LiveHealth, LiveRules
-from .loop import FilterState, Interval
+from .loop import FilterState, PastStep
 from .lti import Roots
 from .paper_form import PaperFilter, PaperMatrices, PaperState
 from .phyfilter import PhyFilter, SampledPhyFilter
-from .record import Log
+from .record import Estimator, Log
 from .recursion import Chain, Recursion, StepConstants
 from .sampled_form import SampledForm
-from .sampling import InertiaInput, Sampling, SamplingOptions
+from .sampling import Sampling
 
 __all__ = [
     "Chain",
+    "Estimator",
     "FilterBank",
     "FilterState",
-    "InertiaInput",
-    "Interval",
     "LiveFilter",
     "LiveHealth",
     "LiveRules",
@@ -36,6 +35,7 @@ __all__ = [
     "PaperFilter",
     "PaperMatrices",
     "PaperState",
+    "PastStep",
     "PhyFilter",
     "Recursion",
     "Roots",
@@ -43,7 +43,6 @@ __all__ = [
     "SampledForm",
     "SampledPhyFilter",
     "Sampling",
-    "SamplingOptions",
     "StepConstants",
     "stack",
 ]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from . import matching
 from .matrices import continuous_state_space
-from .phyfilter import PhyFilter, SampledPhyFilter, differences, sampling_of
+from .phyfilter import PhyFilter, SampledPhyFilter, sampling_of
 from .sampling import InertiaInput, Method, NonFinite, Precision, Rule, Sampling, SamplingOptions
 
 __all__ = ["FilterBank", "SampledBank", "stack"]
@@ -152,15 +152,13 @@ def stack(filters: Sequence[PhyFilter] | Sequence[SampledPhyFilter]) -> FilterBa
         sampled = list(map(_as_matched, sampled))
     reference = sampled[0]
     for i, entry in enumerate(sampled):
-        usual = differences(reference, entry)
-        for name, value in differences(entry, reference).items():
+        usual = reference.sampling.differences(entry.sampling)
+        for name, value in entry.sampling.differences(reference.sampling).items():
             raise ValueError(
                 f"stack: channel {i} has {name}={value!r} but channel 0 has {usual[name]!r}: all options "
                 "must agree; only the coefficients may differ"
             )
-    return SampledBank(
-        [part for entry in sampled for part in entry.filters], reference.sampling, E=reference.E
-    )
+    return SampledBank([part for entry in sampled for part in entry.filters], reference.sampling)
 
 
 def _as_matched(sampled: SampledPhyFilter) -> SampledPhyFilter:
@@ -169,4 +167,4 @@ def _as_matched(sampled: SampledPhyFilter) -> SampledPhyFilter:
         matching.kept(f, sampled.dt) is not False for f in sampled.filters
     ):
         return sampled
-    return SampledPhyFilter(sampled.filters, replace(sampled.sampling, method="matched"), E=sampled.E)
+    return SampledPhyFilter(sampled.filters, replace(sampled.sampling, method="matched"))

@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import _signals
 from ..results import plain
-from .loop import FilterState, Interval, check_state
+from .loop import FilterState, PastStep, check_state
 from .recursion import Recursion
 
 __all__ = ["FORMAT", "VERSION", "parsed_state", "written_state"]
@@ -130,9 +130,9 @@ def _state(given: dict[str, Any], recursion: Recursion, n_x: int) -> FilterState
         found = _signals.inertia(name, values, n_x).astype(kind)
         return found if found.ndim else np.full(n_x, found)
 
-    def interval(i: int, entry: dict[str, Any]) -> Interval:
-        if not isinstance(entry, dict) or set(entry) != set(Interval._fields):
-            raise ValueError(f"past[{i}]: expected the entries {', '.join(Interval._fields)}")
+    def interval(i: int, entry: dict[str, Any]) -> PastStep:
+        if not isinstance(entry, dict) or set(entry) != set(PastStep._fields):
+            raise ValueError(f"past[{i}]: expected the entries {', '.join(PastStep._fields)}")
         g = tuple(vector(f"past[{i}].g", entry["g"], 2, n_x))
         f_theta = tuple(vector(f"past[{i}].f_theta", entry["f_theta"], 2, n_f))
         pair = entry["inertia"]
@@ -140,7 +140,7 @@ def _state(given: dict[str, Any], recursion: Recursion, n_x: int) -> FilterState
             raise ValueError(f"past[{i}].inertia: expected those at both ends")
         first, last = (inertia(f"past[{i}].inertia", M) for M in pair or (None, None))
         both = None if first is None or last is None else (first, last)
-        return Interval(
+        return PastStep(
             seconds(f"past[{i}].dt", entry["dt"], above=_SHORTEST_STEP),
             (g[0], g[1]),
             (f_theta[0], f_theta[1]),

@@ -20,7 +20,7 @@ Array = NDArray[np.floating]
 _SKIP = "the state is unchanged; skip the sample (and pass the longer dt), or use nonfinite='hold'"
 
 
-class Interval(NamedTuple):
+class PastStep(NamedTuple):
     """What g, f_theta and the inertia did between two samples; kept for a delayed measurement.
 
     Attributes
@@ -51,7 +51,7 @@ class FilterState(NamedTuple):
     inertia: Array | None  # diagonal (n_x,) or (..., n_x), or full (..., n_x, n_x); None for I
     held: bool = False  # whether the last sample was refused and the residual's estimate kept
     gap: float = 0.0  # seconds from the last accepted sample to the last sample
-    past: tuple[Interval, ...] = ()  # steps of the gap, and those that a delay still needs
+    past: tuple[PastStep, ...] = ()  # steps of the gap, and those that a delay still needs
 
 
 def start(
@@ -180,7 +180,7 @@ def _all_usable(x: Array, g: Array, f_theta: Array) -> bool:
 
 def _late_residual(
     recursion: Recursion, state: FilterState, x: Array, g: Array, f_theta: Array, M: Array | None, h: float
-) -> tuple[Array, float, tuple[Interval, ...]]:
+) -> tuple[Array, float, tuple[PastStep, ...]]:
     """u over the time since the last accepted sample, ``delay`` earlier; that time; the steps still needed."""
     past = (*state.past, _interval(recursion, state, g, f_theta, M, h))
     length, delay = state.gap + h, recursion.sampling.delay
@@ -202,14 +202,14 @@ def _late_residual(
 
 def _interval(
     recursion: Recursion, state: FilterState, g: Array, f_theta: Array, M: Array | None, h: float
-) -> Interval:
+) -> PastStep:
     before = g if recursion.sampling.g == "hold" or state.g is None else state.g
     after = state.f_theta if recursion.sampling.f_theta == "hold" else f_theta
     inertia = None if M is None else (M if state.inertia is None else state.inertia, M)
-    return Interval(h, (before, g), (state.f_theta, after), inertia)
+    return PastStep(h, (before, g), (state.f_theta, after), inertia)
 
 
-def _still_needed(past: tuple[Interval, ...], reach: float) -> tuple[Interval, ...]:
+def _still_needed(past: tuple[PastStep, ...], reach: float) -> tuple[PastStep, ...]:
     """The latest intervals that cover the last ``reach`` seconds."""
     covered = 0.0
     for count, entry in enumerate(reversed(past)):

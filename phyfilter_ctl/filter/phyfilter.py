@@ -40,7 +40,7 @@ from .recursion import Chain, Recursion, transition
 from .sampled_form import SampledForm
 from .sampling import InertiaInput, Method, NonFinite, Precision, Rule, Sampling, SamplingOptions
 
-__all__ = ["PhyFilter", "SampledPhyFilter", "chain_of", "differences", "sampling_of"]
+__all__ = ["PhyFilter", "SampledPhyFilter", "chain_of", "sampling_of"]
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -150,7 +150,7 @@ class PhyFilter(Rational):
         g, f_theta, precision, delay, limit, g_limit, nonfinite, channels, inertia, units
             As for :class:`Sampling`, which says what each means and raises.
         E
-            As for :class:`SampledPhyFilter`.
+            As for :class:`Sampling`.
 
         Examples
         --------
@@ -214,13 +214,12 @@ class SampledPhyFilter(SampledForm):
     sampling : Sampling or float
         Interval, discretisation and the other options; a number stands for those of :meth:`PhyFilter.sampled`.
     E : array_like, shape (n_x, n_f), optional
-        Known direction in which f acts, M x' = g + E f, of full column rank. f_theta and f_hat then have n_f channels.
+        As for :class:`Sampling`, instead of the one it has.
 
     Attributes
     ----------
     filters : tuple of PhyFilter
     sampling : Sampling
-    E : (n_x, n_f) read-only array or None
     recursion : Recursion
         The numbers and rules that it runs on.
 
@@ -249,7 +248,6 @@ class SampledPhyFilter(SampledForm):
 
     filters: tuple[PhyFilter, ...]
     sampling: Sampling
-    E: FloatArray | None
 
     def __init__(
         self,
@@ -263,13 +261,19 @@ class SampledPhyFilter(SampledForm):
             raise TypeError(f"filters: expected a PhyFilter or a non-empty sequence of them, got {filters!r}")
         if not isinstance(sampling, Sampling):
             sampling = _keeping_zeros(filters, Sampling(sampling))
+        if E is not None:
+            sampling = replace(sampling, E=E)
         object.__setattr__(self, "filters", filters)
         object.__setattr__(self, "sampling", sampling)
-        recursion = Recursion(tuple(chain_of(entry, sampling) for entry in filters), sampling, E)
-        object.__setattr__(self, "E", recursion.E)
+        recursion = Recursion(tuple(chain_of(entry, sampling) for entry in filters), sampling)
         object.__setattr__(self, "recursion", recursion)
 
     # -- what it is ---------------------------------------------------------------------------------------------
+
+    @property
+    def E(self) -> FloatArray | None:
+        """Direction in which f acts, (n_x, n_f), as ``sampling`` has it."""
+        return self.sampling.E
 
     @property
     def filter(self) -> PhyFilter:
@@ -289,7 +293,7 @@ class SampledPhyFilter(SampledForm):
     def by_channel(self) -> tuple[SampledPhyFilter, ...]:
         """Each filter by itself, with the limits of its channel; one entry where all channels share a filter."""
         if len(self.filters) == 1:
-            return (SampledPhyFilter(self.filters, self.sampling, E=self.E),)
+            return (SampledPhyFilter(self.filters, self.sampling),)
         if self.E is not None:
             limit = self.sampling.limit
             own = [
@@ -298,7 +302,7 @@ class SampledPhyFilter(SampledForm):
             ]
         else:
             own = [self.sampling.alone(i) for i in range(len(self.filters))]
-        return tuple(SampledPhyFilter(F, one, E=self.E) for F, one in zip(self.filters, own, strict=True))
+        return tuple(SampledPhyFilter(F, one) for F, one in zip(self.filters, own, strict=True))
 
     @property
     def order(self) -> int:
@@ -436,17 +440,16 @@ class SampledPhyFilter(SampledForm):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, SampledPhyFilter):
             return NotImplemented
-        return self.filters == other.filters and not differences(self, other)
+        return self.filters == other.filters and self.sampling == other.sampling
 
     def __hash__(self) -> int:
         return hash((self.filters, self.sampling))
 
     def __repr__(self) -> str:
-        direction = "" if self.E is None else f", E={self.E.tolist()}"
         if len(self.filters) == 1:
             changed = "".join(f", {name}={value!r}" for name, value in self.sampling.unusual.items())
-            return f"{self.filters[0]!r}.sampled({self.dt:g}{changed}{direction})"
-        return f"SampledPhyFilter([{', '.join(map(repr, self.filters))}], {self.sampling!r}{direction})"
+            return f"{self.filters[0]!r}.sampled({self.dt:g}{changed})"
+        return f"SampledPhyFilter([{', '.join(map(repr, self.filters))}], {self.sampling!r})"
 
 
 def chain_of(filter: PhyFilter, sampling: Sampling) -> Chain:
@@ -466,10 +469,3 @@ def _keeping_zeros(filters: Sequence[PhyFilter], sampling: Sampling) -> Sampling
     """Exact sampling, matched where that keeps more of what the filters promise."""
     kept = [matching.kept(entry, sampling.dt) for entry in filters]
     return replace(sampling, method="matched") if any(kept) and None not in kept else sampling
-
-
-def differences(one: SampledPhyFilter, other: SampledPhyFilter) -> dict[str, object]:
-    """Options that differ, with their values in the first."""
-    found, (mine, theirs) = one.sampling.differences(other.sampling), (one.E, other.E)
-    same = mine is theirs if mine is None or theirs is None else np.array_equal(mine, theirs)
-    return found if same else found | {"E": mine}

@@ -41,6 +41,14 @@ class Log(Protocol):
     def unit(self) -> str: ...
 
 
+class Estimator(Protocol):
+    """What estimates f from a recording: a sampled filter, and each of :mod:`phyfilter_ctl.baselines`."""
+
+    def estimate(self, recording: Log, /) -> FloatArray:
+        """f_hat (N, n_x) at every sample of a recording, from that sample and those before it."""
+        ...
+
+
 def is_log(x: ArrayLike | Log) -> TypeGuard[Log]:
     """Whether it is a recording, not a signal."""
     return all(hasattr(x, name) for name in ("x", "g", "f_theta", "inertia", "times", "channels", "unit"))

@@ -159,13 +159,11 @@ class Recursion:
     chains : tuple of Chain
         One for all channels, or one per channel.
     sampling : Sampling
-    E : (n_x, n_f) array, optional
-        Direction in which f acts.
 
     Raises
     ------
     ValueError
-        If E has no full column rank, the numbers of chains, columns of E and limits contradict each other, or forward
+        If the numbers of chains, columns of E and limits contradict each other, or forward
         Euler diverges.
 
     Examples
@@ -178,12 +176,10 @@ class Recursion:
 
     chains: tuple[Chain, ...]
     sampling: Sampling
-    E: FloatArray | None
 
-    def __init__(self, chains: tuple[Chain, ...], sampling: Sampling, E: ArrayLike | None = None) -> None:
+    def __init__(self, chains: tuple[Chain, ...], sampling: Sampling) -> None:
         object.__setattr__(self, "chains", chains)
         object.__setattr__(self, "sampling", sampling)
-        object.__setattr__(self, "E", None if E is None else _direction(E))
         count, limit, ends = len(chains), sampling.limit, sampling.g_limit
         if self.E is not None and count not in (1, self.E.shape[1]):
             raise ValueError(
@@ -233,6 +229,11 @@ class Recursion:
             raise ValueError(f"limit: {len(limit)} bounds for {n_f} channels; expected one number or {n_f}")
         _check_ends(self.sampling.g_limit, n_x)
         return n_f
+
+    @property
+    def E(self) -> FloatArray | None:
+        """Direction in which f acts, (n_x, n_f), as ``sampling`` has it."""
+        return self.sampling.E
 
     @cached_property
     def E_left(self) -> FloatArray | None:
@@ -429,16 +430,3 @@ def _check_ends(ends: FloatArray | None, n_x: int) -> None:
         raise ValueError(
             f"g_limit: {ends.shape[1]} pairs for {n_x} channels of g; expected one pair of numbers or {n_x}"
         )
-
-
-def _direction(E: ArrayLike) -> FloatArray:
-    """E (n_x, n_f) of full column rank, read-only."""
-    matrix = _signals.array("E", E, ("n_x", "n_f"))
-    rank = int(np.linalg.matrix_rank(matrix))
-    if rank < matrix.shape[1]:
-        raise ValueError(
-            f"E has rank {rank} for {matrix.shape[1]} columns: expected full column rank, else f cannot be told from "
-            "the measurement; drop dependent columns"
-        )
-    matrix.flags.writeable = False
-    return matrix

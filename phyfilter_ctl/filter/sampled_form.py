@@ -92,6 +92,28 @@ class SampledForm:
             return record.run_log(self.recursion, x)
         return record.run(self.recursion, cast(ArrayLike, x), g, f_theta, inertia, times)
 
+    def estimate(self, recording: Log, /) -> NDArray[np.floating]:
+        """f_hat of a recording: :meth:`run` by the name that every estimator has, the baselines too.
+
+        Parameters
+        ----------
+        recording : Recording
+
+        Returns
+        -------
+        (N, n_f) array
+
+        Raises
+        ------
+        TypeError, ValueError
+            As for :meth:`run`.
+        """
+        if not record.is_log(recording):
+            raise TypeError(
+                f"recording: expected a Recording, got {type(recording).__name__}; run(x) takes arrays"
+            )
+        return self.run(recording)
+
     def held(
         self,
         x: ArrayLike,

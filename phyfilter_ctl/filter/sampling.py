@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Literal, TypedDict, cast, get_args
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._choices import Method
 from .._sections import FloatArray
-from .._signals import LARGEST, channel_names, count, duration, interval, number, real
+from .._signals import LARGEST, array, channel_names, count, duration, interval, number, real
 from .._signals import inertia as signal_inertia
 
 __all__ = ["InertiaInput", "Method", "NonFinite", "Precision", "Rule", "Sampling", "SamplingOptions"]
@@ -25,7 +25,15 @@ _SIGNALS = ("x", "g", "f")  # that have units
 _CHOICES = {"method": Method, "g": Rule, "f_theta": Rule, "precision": Precision, "nonfinite": NonFinite}
 
 
-class SamplingOptions(TypedDict, total=False):
+class ChannelOptions(TypedDict, total=False):
+    """What :class:`Sampling` knows of the channels."""
+
+    channels: int | Sequence[str] | None
+    inertia: ArrayLike | InertiaInput | None
+    units: Mapping[str, str] | None
+
+
+class SamplingOptions(ChannelOptions, total=False):
     """Options of :class:`Sampling` that are given by name."""
 
     precision: Precision
@@ -33,9 +41,7 @@ class SamplingOptions(TypedDict, total=False):
     limit: ArrayLike | None
     g_limit: tuple[ArrayLike, ArrayLike] | ArrayLike | None
     nonfinite: NonFinite
-    channels: int | Sequence[str] | None
-    inertia: ArrayLike | InertiaInput | None
-    units: Mapping[str, str] | None
+    E: ArrayLike | None
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -44,8 +50,9 @@ class Sampling:
 
     Parameters
     ----------
-    dt : float
-        Nominal sampling interval h in seconds; a timedelta64 has its unit with it.
+    dt : float, optional
+        Nominal sampling interval h in seconds; a timedelta64 has its unit with it. Everything that runs a filter needs
+        it; :func:`~phyfilter_ctl.learn` alone takes that of the recordings where it is left out.
     method : {"exact", "matched", "euler", "tustin"}
         "exact": zero-order hold of the step-averaged residual, exact for x linear between samples. "matched": exact
         sampling with a numerator that keeps the zeros of 1 - F, its type and those at +-j w, at the samples
@@ -82,13 +89,16 @@ class Sampling:
     units : mapping of str to str, optional
         Units of "x", of "g" (and of M x') and of "f" (f_theta and f_hat too). They label files, FMUs and C code; no
         number is converted.
+    E : array_like, shape (n_x, n_f), optional
+        Known direction in which f acts, M x' = g + E f, of full column rank. f_theta and f_hat then have n_f channels.
 
     Raises
     ------
     TypeError
         For names and units that are no text.
     ValueError
-        For options out of range, a low that is not below its high, an inertia of another size than the channels.
+        For options out of range, a low that is not below its high, an inertia of another size than the channels, E
+        without full column rank; and where ``dt`` is asked for and was left out.
 
     Examples
     --------
@@ -112,10 +122,11 @@ class Sampling:
     channels: int | tuple[str, ...] | None
     inertia: FloatArray | InertiaInput | None
     units: Mapping[str, str]
+    E: FloatArray | None
 
     def __init__(
         self,
-        dt: float,
+        dt: float | None = None,
         method: Method = "exact",
         g: Rule = "hold",
         f_theta: Rule = "average",
@@ -128,10 +139,11 @@ class Sampling:
         channels: int | Sequence[str] | None = None,
         inertia: ArrayLike | InertiaInput | None = None,
         units: Mapping[str, str] | None = None,
+        E: ArrayLike | None = None,
     ) -> None:
-        dt = duration("dt", dt)
+        dt = None if dt is None else duration("dt", dt)
         delay = number("delay", interval("delay", delay), "s", least=0.0)
-        if not 1.0 / LARGEST < dt < LARGEST:
+        if dt is not None and not 1.0 / LARGEST < dt < LARGEST:
             raise ValueError(f"dt: expected a positive sampling interval in seconds, got {dt}")
         if delay >= LARGEST:
             raise ValueError(f"delay: expected less than {LARGEST:g} s, got {delay}")
@@ -156,12 +168,30 @@ class Sampling:
             channels,
             M,
             _units(units),
+            None if E is None else _direction(E),
         )
         for entry, value in zip(fields(self), values, strict=True):
-            object.__setattr__(self, entry.name, value)
+            if value is not None or entry.name != "dt":
+                object.__setattr__(self, entry.name, value)
         for name, choices in _CHOICES.items():
             if (value := getattr(self, name)) not in get_args(choices):
                 raise ValueError(f"{name}: expected one of {', '.join(get_args(choices))}, got {value!r}")
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> object:
+            """What it has not: dt, where it was left out."""
+            if name == "dt":
+                raise ValueError(
+                    "dt: expected the sampling interval in s, which learn alone takes from its recordings; give it, as "
+                    "Sampling(0.01, ...)"
+                )
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+    @property
+    def has_dt(self) -> bool:
+        """Whether dt was given."""
+        return "dt" in vars(self)
 
     @property
     def delay_steps(self) -> float:
@@ -194,6 +224,48 @@ class Sampling:
         raise ValueError(
             f"inertia: expected M_hat, which the filter takes with every sample (inertia={self.inertia!r}), got none; "
             "give it, or sample the filter with a constant one"
+        )
+
+    def told(
+        self,
+        *,
+        channels: int | Sequence[str] | None = None,
+        inertia: ArrayLike | InertiaInput | None = None,
+        units: Mapping[str, str] | None = None,
+    ) -> Sampling:
+        """These options with what a call says besides: its inertia counts, names and units must not contradict these.
+
+        Parameters
+        ----------
+        channels, inertia, units
+            As for :class:`Sampling`; None says nothing.
+
+        Raises
+        ------
+        ValueError
+            If numbers of channels, names or units contradict each other.
+
+        Examples
+        --------
+        >>> Sampling(0.01, inertia=5.0).told(channels=["u", "v"], units={"x": "m/s"})
+        Sampling(0.01, channels=('u', 'v'), inertia=5.0, units={'x': 'm/s'})
+        """
+        if channels is not None:
+            said = Sampling(channels=channels)
+            if self.names and said.names and said.names != self.names:
+                raise ValueError(
+                    f"channels: the filter has {', '.join(self.names)}, got {', '.join(said.names)}; say it once"
+                )
+            self.channels_or(said.n_x)
+            channels = self.names or said.names or said.n_x
+        wanted = _units(units)
+        for signal, unit in wanted.items():
+            if (mine := self.units.get(signal, unit)) != unit:
+                raise ValueError(f"units: the filter has {mine!r} of {signal}, got {unit!r}; say it once")
+        return self._but(
+            channels=self.channels if channels is None else channels,
+            inertia=self.inertia if inertia is None else inertia,
+            units={**self.units, **wanted},
         )
 
     def channels_or(self, given: int | None) -> int | None:
@@ -242,13 +314,16 @@ class Sampling:
         limit, ends, M = self.limit, self.g_limit, self.inertia
         if isinstance(M, np.ndarray) and M.ndim:
             M = M[i] if M.ndim == 1 else M[i, i]
-        return replace(
-            self,
+        return self._but(
             limit=limit[i] if limit is not None and limit.ndim else limit,
             g_limit=ends[:, i] if ends is not None and ends.ndim > 1 else ends,
             channels=(self.names[i],) if self.names else None if self.channels is None else 1,
             inertia=M,
         )
+
+    def _but(self, **changed: Any) -> Sampling:
+        """As ``dataclasses.replace``, for one without dt too."""
+        return Sampling(**(vars(self) | changed))
 
     def differences(self, other: Sampling) -> dict[str, object]:
         """Options that differ from those of another, with their values here.
@@ -262,22 +337,25 @@ class Sampling:
         >>> Sampling(0.002, limit=[1.0, 2.0]).differences(Sampling(0.002))
         {'limit': [1.0, 2.0]}
         """
-        mine, theirs = ({e.name: _plain(getattr(one, e.name)) for e in fields(self)} for one in (self, other))
+        mine, theirs = (
+            {e.name: _plain(vars(one).get(e.name)) for e in fields(self)} for one in (self, other)
+        )
         return {name: value for name, value in mine.items() if value != theirs[name]}
 
     @property
     def unusual(self) -> dict[str, object]:
         """Options, besides dt, that are not the default ones."""
-        return self.differences(Sampling(self.dt))
+        return self.differences(Sampling(vars(self).get("dt")))
 
     def __eq__(self, other: object) -> bool:
         return not self.differences(other) if isinstance(other, Sampling) else NotImplemented
 
     def __hash__(self) -> int:
-        return hash((self.dt, self.method, self.g, self.f_theta, self.precision, self.delay))
+        return hash((vars(self).get("dt"), self.method, self.g, self.f_theta, self.precision, self.delay))
 
     def __repr__(self) -> str:
-        return f"Sampling({self.dt:g}{''.join(f', {k}={v!r}' for k, v in self.unusual.items())})"
+        given = [f"{self.dt:g}"] if self.has_dt else []
+        return f"Sampling({', '.join([*given, *(f'{k}={v!r}' for k, v in self.unusual.items())])})"
 
 
 def _plain(value: object) -> object:
@@ -300,6 +378,19 @@ def _inertia(given: ArrayLike | InertiaInput, n_x: int | None) -> FloatArray | I
     M = signal_inertia("inertia", M, n_x or (len(M) if M.ndim and len(M) else 1))
     M.flags.writeable = False
     return M
+
+
+def _direction(E: ArrayLike) -> FloatArray:
+    """E (n_x, n_f) of full column rank, read-only."""
+    matrix = array("E", E, ("n_x", "n_f"))
+    rank = int(np.linalg.matrix_rank(matrix))
+    if rank < matrix.shape[1]:
+        raise ValueError(
+            f"E has rank {rank} for {matrix.shape[1]} columns: expected full column rank, else f cannot be told from "
+            "the measurement; drop dependent columns"
+        )
+    matrix.flags.writeable = False
+    return matrix
 
 
 def _units(units: Mapping[str, str] | None) -> Mapping[str, str]:

@@ -4,9 +4,9 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from .._renamed import former
-from .document import Signals, load, load_signals, save
+from .document import load, save
 
-__all__ = ["Signals", "load", "load_signals", "save"]
+__all__ = ["load", "save"]
 
 if not TYPE_CHECKING:  # which is to see a wrong name
     __getattr__ = partial(former, __name__)

@@ -15,7 +15,7 @@
     g = "hold"
     f_theta = "average"
     precision = "float64"
-    # delay, limit, g_limit, nonfinite: as for Sampling, E: as for SampledPhyFilter; may be left out
+    # delay, limit, g_limit, nonfinite, E: as for Sampling; may be left out
 
     [signals]                                # may be left out, as may each key
     channels = ["x", "y", "z"]
@@ -34,24 +34,23 @@ import json
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .. import _signals
 from .._output import replacing
-from ..filter import FilterBank, InertiaInput, PhyFilter, SampledPhyFilter, Sampling, SamplingOptions
+from .._renamed import takes_signals
+from ..filter import FilterBank, PhyFilter, SampledPhyFilter, Sampling
+from ..filter.sampling import ChannelOptions
 from .table import TomlTable, parsed, refuse_oversize
 
-__all__ = ["Signals", "load", "load_signals", "save", "settled_inertia", "settled_signals"]
+__all__ = ["load", "read_noted", "save"]
 
 FORMAT = "phyfilter"
 VERSION = 1
-
-Inertia = float | tuple[float, ...] | tuple[tuple[float, ...], ...]
 
 _FILTER_KEYS = ("a", "b", "poles")
 _TOP_KEYS = ("format", "version", *_FILTER_KEYS, "filters", "sampled", "signals")
@@ -67,70 +66,19 @@ _LIMITS = ("limit", "g_limit")
 _SAMPLED_KEYS = ("dt", *_CHOICES, "E", "delay", *_LIMITS)
 _SIGNAL_KEYS = ("channels", "units", "inertia")
 _UNIT_KEYS = ("x", "g", "f")
-_NOTHING = ((), "", None)  # where a signal has no name, no unit, no inertia
 Filter = PhyFilter | FilterBank | SampledPhyFilter
 # Poles of all filters of a file together: finding them is what takes time.
 _MOST_POLES = 1024
 
 
-@dataclass(frozen=True, init=False)
-class Signals:
-    """The signals a filter is meant for: a note beside its coefficients.
-
-    A sampled filter has them in its ``Sampling``, and needs no such note; where it has both they must agree.
-
-    Parameters
-    ----------
-    channels : sequence of str
-        Names of the channels of x; empty where not known.
-    unit_x, unit_g, unit_f : str
-        Units of x, of g (and of M x'), and of f, f_theta and f_hat.
-    inertia : array_like, optional
-        Constant inertia M_hat: a scalar, (n_x,) a diagonal, or (n_x, n_x). Kept as a float or as tuples.
-
-    Raises
-    ------
-    TypeError
-        If a name or unit is no text or the inertia no array of real numbers.
-    ValueError
-        If names repeat or are not printable, or the inertia is not finite or of another shape.
-
-    Examples
-    --------
-    >>> from phyfilter_ctl.filterfile import Signals
-    >>> Signals(["x", "y"], unit_x="m/s", inertia=[1.5, 2.0]).inertia
-    (1.5, 2.0)
-    """
-
-    channels: tuple[str, ...]
-    unit_x: str
-    unit_g: str
-    unit_f: str
-    inertia: Inertia | None
-
-    def __init__(
-        self,
-        channels: Sequence[str] = (),
-        *,
-        unit_x: str = "",
-        unit_g: str = "",
-        unit_f: str = "",
-        inertia: ArrayLike | None = None,
-    ) -> None:
-        names = _signals.channel_names(channels, len(channels))
-        for key, unit in (("unit_x", unit_x), ("unit_g", unit_g), ("unit_f", unit_f)):
-            if not isinstance(unit, str):
-                raise TypeError(f"{key}: expected text, got {unit!r}")
-            object.__setattr__(self, key, unit)
-        object.__setattr__(self, "channels", names)
-        object.__setattr__(self, "inertia", None if inertia is None else _inertia(inertia, len(names)))
-
-
+@takes_signals
 def save(
     path: str | os.PathLike[str],
     filter: PhyFilter | FilterBank | SampledPhyFilter,
     *,
-    signals: Signals | None = None,
+    channels: Sequence[str] | None = None,
+    inertia: ArrayLike | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> None:
     """Write a filter to a TOML file, whole or not at all: a failed write leaves the old file as it was.
 
@@ -139,16 +87,17 @@ def save(
     path : str or path-like
         Written over if it exists.
     filter : PhyFilter, FilterBank or SampledPhyFilter
-    signals : Signals, optional
-        Names, units and inertia to note beside it, besides those that a sampled filter has in its ``Sampling``.
+    channels, inertia, units
+        Of a continuous filter: names of the channels of x, the constant M_hat, and units of "x", "g" and "f", for
+        ``load(path, dt=...)`` and the exports of the command line. A sampled one has them in its ``sampling``.
 
     Raises
     ------
     TypeError
-        If ``filter`` or ``signals`` is something else.
+        If ``filter`` is something else; for names and units that are no text.
     ValueError
-        If the filter and ``signals`` disagree about the channels, a unit or the inertia, or the file would be one that
-        :func:`load` refuses for its size.
+        If a sampled filter is told what its ``sampling`` is for; if the filter has another number of channels than the
+        names or the inertia; if the file would be one that :func:`load` refuses for its size.
     OSError
         If the file cannot be written.
 
@@ -184,10 +133,7 @@ def save(
     if not isinstance(filter, Filter):
         hint = "; stack them first" if isinstance(filter, list | tuple) else ""
         raise TypeError(f"filter: expected a PhyFilter, a SampledPhyFilter or a stack, got {filter!r}{hint}")
-    if not (signals is None or isinstance(signals, Signals)):
-        raise TypeError(f"signals: expected Signals or None, got {signals!r}")
-    signals = settled_signals(filter, signals)
-    _refuse_disagreement(filter, signals)
+    noted = _noted_beside(filter, channels, inertia, units)
     _refuse_many([entry.order for entry in _filters(filter)])
     if not any(np.any(entry.b) for entry in _filters(filter)):
         warnings.warn(
@@ -195,18 +141,27 @@ def save(
             "no filter keeps the limits of a loop",
             stacklevel=2,
         )
-    data = _text(filter, signals).encode()
+    data = _text(filter, noted).encode()
     refuse_oversize(data)
     with replacing(path) as file:
         file.write(data)
 
 
-def load(path: str | os.PathLike[str]) -> PhyFilter | FilterBank | SampledPhyFilter:
+@overload
+def load(path: str | os.PathLike[str], *, dt: float) -> SampledPhyFilter: ...
+@overload
+def load(path: str | os.PathLike[str], *, dt: None = None) -> PhyFilter | FilterBank | SampledPhyFilter: ...
+def load(
+    path: str | os.PathLike[str], *, dt: float | None = None
+) -> PhyFilter | FilterBank | SampledPhyFilter:
     """Read the filter of a TOML file: a SampledPhyFilter if it has a ``[sampled]`` table, else a PhyFilter or a bank.
 
     Parameters
     ----------
     path : str or path-like
+    dt : float, optional
+        Sampling interval in s at which a continuous filter is sampled, with the names, units and inertia that the file
+        notes beside it. Without, those stay in the file.
 
     Returns
     -------
@@ -221,7 +176,8 @@ def load(path: str | os.PathLike[str]) -> PhyFilter | FilterBank | SampledPhyFil
     ValueError
         If it is no TOML (the line is named), no filter, of a version this library does not read, has an unknown key,
         or a value of the wrong type, not finite or not allowed by the filter: the file and the key are named. If it is
-        longer than 500 kB or holds filters of more than 1024 poles together.
+        longer than 500 kB or holds filters of more than 1024 poles together. If ``dt`` is given for a filter that is
+        sampled already.
 
     Examples
     --------
@@ -233,11 +189,19 @@ def load(path: str | os.PathLike[str]) -> PhyFilter | FilterBank | SampledPhyFil
     ...     load(path)
     PhyFilter(a=[20.0])
     """
-    return _read(Path(path))[0]
+    filter, noted = read_noted(path)
+    if dt is None:
+        return filter
+    if isinstance(filter, SampledPhyFilter):
+        raise ValueError(
+            f"{os.fspath(path)}: dt is for a continuous filter, and this one is sampled every {filter.dt:g} s already"
+        )
+    sampled = SampledPhyFilter(filter, dt)
+    return replace(sampled, sampling=sampled.sampling.told(**noted))
 
 
-def load_signals(path: str | os.PathLike[str]) -> Signals:
-    """Read the names, units and inertia noted beside a filter; an empty Signals where the file has none.
+def read_noted(path: str | os.PathLike[str]) -> tuple[Filter, ChannelOptions]:
+    """The filter of a file, and what the file notes of its channels: names, units, inertia.
 
     Parameters
     ----------
@@ -245,90 +209,17 @@ def load_signals(path: str | os.PathLike[str]) -> Signals:
 
     Returns
     -------
-    Signals
+    filter : PhyFilter, FilterBank or SampledPhyFilter
+    noted : ChannelOptions
+        ``channels``, ``inertia`` and ``units`` of a continuous filter, those of them that the file has; a sampled one
+        has them in its ``sampling``.
 
     Raises
     ------
     OSError, ValueError
-        As for :func:`load`; the whole file is checked.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from phyfilter_ctl import PhyFilter
-    >>> from phyfilter_ctl.filterfile import Signals, load_signals, save
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = pathlib.Path(folder) / "filter.toml"
-    ...     save(path, PhyFilter([20.0]), signals=Signals(["vx", "vy"], unit_x="m/s"))
-    ...     load_signals(path).channels
-    ('vx', 'vy')
+        As for :func:`load`.
     """
-    return _read(Path(path))[1]
-
-
-def settled_inertia(
-    filter: object, inertia: ArrayLike | InertiaInput | None, signals: Signals
-) -> ArrayLike | InertiaInput | None:
-    """The inertia that counts: what a call is given, else what comes with every sample, else what is noted.
-
-    Parameters
-    ----------
-    filter : PhyFilter, FilterBank, SampledPhyFilter or sequence of PhyFilter
-    inertia : float, (n_x,) or (n_x, n_x) array, {"scalar", "diagonal", "full"}, optional
-    signals : Signals
-        As :func:`settled_signals` gives them.
-    """
-    if inertia is not None or signals.inertia is not None or not isinstance(filter, SampledPhyFilter):
-        return signals.inertia if inertia is None else inertia
-    return filter.sampling.inertia
-
-
-def settled_signals(filter: object, signals: Signals | None) -> Signals:
-    """Names, units and inertia that count: what a sampled filter has in its Sampling, and what is noted beside it.
-
-    Parameters
-    ----------
-    filter : PhyFilter, FilterBank, SampledPhyFilter or sequence of PhyFilter
-    signals : Signals, optional
-
-    Returns
-    -------
-    Signals
-        Without the inertia where that comes with every sample.
-
-    Raises
-    ------
-    ValueError
-        If the two contradict each other.
-
-    Examples
-    --------
-    >>> sampled = PhyFilter([20.0]).sampled(0.01, inertia=5.0, units={"x": "m/s"})
-    >>> settled_signals(sampled, Signals(["u", "v"])).inertia
-    5.0
-    >>> settled_signals(sampled, Signals(inertia=2.0))
-    Traceback (most recent call last):
-        ...
-    ValueError: inertia: the filter has 5.0, its signals have 2.0; say it once
-    """
-    noted = Signals() if signals is None else signals
-    if not isinstance(filter, SampledPhyFilter):
-        return noted
-    sampling = filter.sampling
-    constant = None if isinstance(sampling.inertia, str) else sampling.inertia
-    own = Signals(
-        sampling.names, **{f"unit_{key}": unit for key, unit in sampling.units.items()}, inertia=constant
-    )
-    found = dict(vars(noted))
-    for key, mine in vars(own).items():
-        if mine in _NOTHING:
-            continue
-        if found[key] not in (*_NOTHING, mine):
-            raise ValueError(f"{key}: the filter has {mine}, its signals have {found[key]}; say it once")
-        found[key] = mine
-    if found["channels"]:
-        sampling.check_channels(len(found["channels"]))
-    return Signals(**found)
+    return _read(Path(path))
 
 
 # -- writing ----------------------------------------------------------------------------------------------------
@@ -340,7 +231,7 @@ def _filters(filter: Filter) -> tuple[PhyFilter, ...]:
     return filter.filters if isinstance(filter, SampledPhyFilter) else filter
 
 
-def _text(filter: Filter, signals: Signals) -> str:
+def _text(filter: Filter, about: Sampling) -> str:
     head = {"format": FORMAT, "version": VERSION}
     filters = _filters(filter)
     if len(filters) == 1 and not isinstance(filter, FilterBank):
@@ -350,7 +241,7 @@ def _text(filter: Filter, signals: Signals) -> str:
         blocks += [f"{_title(entry)}[[filters]]\n{_lines(_coefficients(entry))}" for entry in filters]
     if isinstance(filter, SampledPhyFilter):
         blocks.append("[sampled]\n" + _lines(_options(filter)))
-    if noted := _noted(filter, signals):
+    if noted := _noted(about):
         blocks.append("[signals]\n" + _lines(noted))
     return "\n".join(blocks)
 
@@ -384,24 +275,41 @@ def _kept_by_reading(filter: PhyFilter) -> bool:
 def _options(sampled: SampledPhyFilter) -> dict[str, object]:
     sampling = sampled.sampling
     table = {key: getattr(sampling, key) for key in _ALWAYS}
-    unusual = {key: value for key, value in sampling.unusual.items() if key not in _SIGNAL_KEYS}
-    return table | unusual | ({} if sampled.E is None else {"E": sampled.E.tolist()})
+    return table | {key: value for key, value in sampling.unusual.items() if key not in _SIGNAL_KEYS}
 
 
-def _noted(filter: Filter, signals: Signals) -> dict[str, object]:
-    sampling = filter.sampling if isinstance(filter, SampledPhyFilter) else None
+def _noted_beside(
+    filter: Filter,
+    channels: Sequence[str] | None,
+    inertia: ArrayLike | None,
+    units: Mapping[str, str] | None,
+) -> Sampling:
+    """What is to be noted, checked: the filter's own sampling, or one that holds what is given for it."""
+    given = {"channels": channels, "inertia": inertia, "units": units}
+    told = [name for name, value in given.items() if value is not None]
+    if isinstance(filter, SampledPhyFilter):
+        if told:
+            raise ValueError(f"{told[0]}: a sampled filter has its own, filter.sampled(dt, {told[0]}=...)")
+        return filter.sampling
+    for name, kind, what in (
+        ("channels", int | np.integer, "names"),
+        ("inertia", str, "numbers; one that comes with every sample is of a sampled filter"),
+    ):
+        if isinstance(given[name], kind):
+            raise ValueError(f"{name}: expected {what}, got {given[name]!r}")
+    noted = Sampling(1.0, channels=channels, inertia=inertia, units=units)
+    _refuse_disagreement(filter, noted)
+    return noted
+
+
+def _noted(noted: Sampling) -> dict[str, object]:
     table: dict[str, object] = {}
-    if signals.channels:
-        table["channels"] = list(signals.channels)
-    elif sampling is not None and sampling.channels is not None:
-        table["channels"] = sampling.n_x
-    units = {key: unit for key in _UNIT_KEYS if (unit := getattr(signals, f"unit_{key}"))}
-    if units:
-        table["units"] = units
-    if signals.inertia is not None:
-        table["inertia"] = signals.inertia
-    elif sampling is not None and isinstance(sampling.inertia, str):
-        table["inertia"] = sampling.inertia
+    if noted.channels is not None:
+        table["channels"] = list(noted.names) or noted.channels
+    if noted.units:
+        table["units"] = dict(noted.units)
+    if noted.inertia is not None:
+        table["inertia"] = noted.inertia if isinstance(noted.inertia, str) else noted.inertia.tolist()
     return table
 
 
@@ -424,7 +332,7 @@ def _value(value: object) -> str:
 # -- reading ----------------------------------------------------------------------------------------------------
 
 
-def _read(path: Path) -> tuple[Filter, Signals]:
+def _read(path: Path) -> tuple[Filter, ChannelOptions]:
     top = TomlTable(path, "", parsed(path))
     top.refuse_other_formats(FORMAT, VERSION, "filter")
     top.refuse_unknown(_TOP_KEYS)
@@ -433,39 +341,18 @@ def _read(path: Path) -> tuple[Filter, Signals]:
         filter: Filter = _read_sampled(top.table("sampled"), filters)
     else:
         filter = FilterBank(filters) if "filters" in top else filters[0]
-    signals = Signals()
+    noted: ChannelOptions = {}
     if "signals" in top:
-        table = top.table("signals")
         sampled = filter if isinstance(filter, SampledPhyFilter) else None
-        options: SamplingOptions = {} if sampled is None else _read_options(table)
-        signals = _read_signals(table, *options)
+        noted = _read_signals(top.table("signals"), sampled is not None)
         try:
-            _refuse_disagreement(filter, signals)
+            sampling = Sampling(1.0, **noted) if sampled is None else replace(sampled.sampling, **noted)
+            _refuse_disagreement(filter, sampling)
             if sampled is not None:
-                filter = replace(sampled, sampling=_with_signals(sampled.sampling, options, signals))
+                filter, noted = replace(sampled, sampling=sampling), {}
         except ValueError as error:
             raise top.error("signals", str(error)) from error
-    return filter, signals
-
-
-def _with_signals(sampling: Sampling, options: SamplingOptions, signals: Signals) -> Sampling:
-    units = {key: unit for key in _UNIT_KEYS if (unit := getattr(signals, f"unit_{key}"))}
-    noted: SamplingOptions = {
-        "channels": signals.channels or None,
-        "inertia": signals.inertia,
-        "units": units,
-    }
-    return replace(sampling, **(noted | options))
-
-
-def _read_options(table: TomlTable) -> SamplingOptions:
-    """What only a sampled filter's signals may say: a number of channels, a kind of inertia."""
-    options: SamplingOptions = {}
-    if isinstance(table.values.get("channels"), int):
-        options["channels"] = table.integer("channels")
-    if isinstance(table.values.get("inertia"), str):
-        options["inertia"] = table.text("inertia")
-    return options
+    return filter, noted
 
 
 def _read_filters(top: TomlTable) -> tuple[PhyFilter, ...]:
@@ -509,22 +396,25 @@ def _read_sampled(table: TomlTable, filters: tuple[PhyFilter, ...]) -> SampledPh
         raise ValueError(f"{table.file}: [sampled] {error}") from error
 
 
-def _read_signals(table: TomlTable, *known: str) -> Signals:
-    """The table as Signals, but for keys that are known already."""
+def _read_signals(table: TomlTable, sampled: bool) -> ChannelOptions:
+    """What the table has; only a sampled filter's may have a number of channels and a kind of inertia."""
     table.refuse_unknown(_SIGNAL_KEYS)
-    units: dict[str, str] = {}
+    found: ChannelOptions = {}
     if "units" in table:
         inner = table.table("units")
         inner.refuse_unknown(_UNIT_KEYS)
-        units = {f"unit_{key}": inner.text(key) for key in _UNIT_KEYS if key in inner}
-    channels = table.texts("channels") if "channels" in table and "channels" not in known else ()
-    inertia = None
-    if "inertia" in table and "inertia" not in known:
-        inertia = table.numbers_of_any_shape("inertia")
+        found["units"] = {key: inner.text(key) for key in _UNIT_KEYS if key in inner}
+    if "channels" in table:
+        counted = sampled and isinstance(table.values["channels"], int)
+        found["channels"] = table.integer("channels") if counted else table.texts("channels")
+    if "inertia" in table:
+        kind = sampled and isinstance(table.values["inertia"], str)
+        found["inertia"] = table.text("inertia") if kind else table.numbers_of_any_shape("inertia")
     try:
-        return Signals(channels, **units, inertia=inertia)
+        Sampling(1.0, **found)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{table.file}: [signals] {error}") from error
+    return found
 
 
 # -- checks -----------------------------------------------------------------------------------------------------
@@ -538,17 +428,8 @@ def _refuse_many(orders: Sequence[int], error: Callable[[str], ValueError] = Val
         )
 
 
-def _inertia(values: ArrayLike, channels: int) -> Inertia:
-    array = _signals.inertia(
-        "inertia", values, channels or max(1, np.shape(values)[0] if np.ndim(values) else 1)
-    )
-    if array.ndim == 2:
-        return tuple(tuple(row) for row in array.tolist())
-    return tuple(array.tolist()) if array.ndim else float(array)
-
-
-def _refuse_disagreement(filter: Filter, signals: Signals) -> None:
-    """Raise where the filter and the signals have another number of channels."""
+def _refuse_disagreement(filter: Filter, noted: Sampling) -> None:
+    """Raise where the filter has another number of channels than its names or its inertia."""
     filters = _filters(filter)
     if isinstance(filter, SampledPhyFilter) and filter.E is not None:
         n_x, reason = len(filter.E), "E has as many rows"
@@ -556,7 +437,7 @@ def _refuse_disagreement(filter: Filter, signals: Signals) -> None:
         n_x, reason = len(filters), "there are as many filters"
     else:
         return
-    if signals.channels and len(signals.channels) != n_x:
-        raise ValueError(f"channels: expected {n_x} names ({reason}), got {len(signals.channels)}")
-    if isinstance(signals.inertia, tuple) and len(signals.inertia) != n_x:
-        raise ValueError(f"inertia: expected size {n_x} ({reason}), got {len(signals.inertia)}")
+    if noted.names and len(noted.names) != n_x:
+        raise ValueError(f"channels: expected {n_x} names ({reason}), got {len(noted.names)}")
+    if isinstance(noted.inertia, np.ndarray) and noted.inertia.ndim and len(noted.inertia) != n_x:
+        raise ValueError(f"inertia: expected size {n_x} ({reason}), got {len(noted.inertia)}")

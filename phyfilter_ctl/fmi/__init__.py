@@ -1,5 +1,9 @@
 """FMUs (FMI 2.0 and 3.0) and system structure packages: written, read, checked, run together."""
 
+from functools import partial
+from typing import TYPE_CHECKING
+
+from .._renamed import former
 from .archive import ArchiveLimits
 from .check import check
 from .check_report import CheckReport, Finding
@@ -8,19 +12,22 @@ from .cosimulation import CosimulationResponse, cosimulate
 from .cosimulation_wiring import Wire
 from .description import FmuExperiment, FmuSolver
 from .export import export_fmu
+from .fmu import Fmu
 from .foreign import Isolation
 from .handover import HandOver, hand_over
 from .importing import import_fmu
-from .importing_blocks import FmuBlock
 from .importing_model import FmuModel
 from .importing_steps import FmuSteps
 from .inspect import FmuDescription, FmuKind, FmuVariable, describe
 from .instance import FmuError
-from .late_wires import late_wires
 from .mujoco import export_mujoco_fmu
-from .replay import Reference, read_reference, replay, replay_in_fmpy, write_reference
+from .ports import FmuPorts
+from .replay import Reference, replay
 from .ssp import export_ssp, write_ssp
-from .ssp_cut import CutDiagram, cut_diagram
+from .ssp_cut import cut_diagram
+from .ssp_read import read_ssp
+from .stepping import Master
+from .system import System
 from .units import FmuUnit
 from .unpacked import UnpackedFmu
 
@@ -28,22 +35,24 @@ __all__ = [
     "ArchiveLimits",
     "CheckReport",
     "CosimulationResponse",
-    "CutDiagram",
     "Finding",
-    "FmuBlock",
+    "Fmu",
     "FmuClock",
     "FmuDescription",
     "FmuError",
     "FmuExperiment",
     "FmuKind",
     "FmuModel",
+    "FmuPorts",
     "FmuSolver",
     "FmuSteps",
     "FmuUnit",
     "FmuVariable",
     "HandOver",
     "Isolation",
+    "Master",
     "Reference",
+    "System",
     "UnpackedFmu",
     "Wire",
     "check",
@@ -55,10 +64,10 @@ __all__ = [
     "export_ssp",
     "hand_over",
     "import_fmu",
-    "late_wires",
-    "read_reference",
+    "read_ssp",
     "replay",
-    "replay_in_fmpy",
-    "write_reference",
     "write_ssp",
 ]
+
+if not TYPE_CHECKING:  # which is to see a wrong name
+    __getattr__ = partial(former, __name__)

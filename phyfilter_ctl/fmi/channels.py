@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..filter import PhyFilter, SampledPhyFilter
-from ..filterfile import Signals
 from .description import FmuInterface, InterfaceVariable
 
 __all__ = ["room_for", "with_channels"]
@@ -60,18 +59,20 @@ def room_for(
     channels: int | None,
     most: int,
     inertia: ArrayLike | Literal["scalar", "diagonal", "full"] | None,
-    signals: Signals | None,
     *,
+    named: bool,
     grouped: bool,
 ) -> tuple[int, int]:
     """Channels that the model has room for, and those in use at first.
 
     Parameters
     ----------
-    system, channels, inertia, signals
+    system, channels, inertia
         As for :func:`export_fmu`.
     most : int
         Its ``max_channels``.
+    named : bool
+        Whether the channels have names.
     grouped : bool
         Whether the FMU has arrays.
 
@@ -90,7 +91,7 @@ def room_for(
         problem = "one filter for all channels, without E"
     elif coupled:
         problem = "an inertia that is one number for all channels, or an input of kind 'scalar' or 'diagonal'"
-    elif signals is not None and signals.channels:
+    elif named:
         problem = "channels without names"
     elif most < 2 or not 1 <= first <= most:
         problem = f"1 <= channels <= max_channels and max_channels of 2 or more, got {first} and {most}"

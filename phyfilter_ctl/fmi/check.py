@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -12,18 +13,20 @@ import numpy as np
 from fmpy.model_description import ValidationError, read_model_description
 from fmpy.validation import validate_model_description
 
-from .archive import ArchiveLimits, extracted, parse_xml
+from .._renamed import takes_former
+from .archive import extracted, parse_xml
 from .check_probes import dependencies, derivatives, round_trip
 from .check_report import Checker, CheckReport, Rule
 from .documents import schema_problems
-from .foreign import Isolation
-from .inspect import FmuDescription, Kind, describe
+from .fmu import Fmu
+from .inspect import FmuDescription, Kind, describe, refuse_unknown
 from .instance import FmuInstance
 from .messages import complaints
 from .names import is_structured
 from .platforms import native_platform
-from .replay import Reference, read_reference, replay
+from .replay import Reference, replayed
 from .signals import Signals
+from .structure import resized, structure_among
 from .unpacked import UnpackedFmu
 
 __all__ = ["check"]
@@ -40,18 +43,17 @@ _SUBJECTS: dict[str, Rule] = {
 }
 
 
+@takes_former
 def check(
-    path: str | Path,
+    fmu: str | Path | Fmu,
     *,
     reference: str | Path | None = None,
     inputs_at: Literal["start", "end"] = "start",
     rtol: float = 1e-4,
     atol: float = 1e-6,
     run: bool = True,
-    limits: ArchiveLimits | None = None,
-    isolated: bool | Isolation = True,
 ) -> CheckReport:
-    """Check an FMU. **With** ``run`` **its code is run**, in a process of its own unless ``isolated`` is False.
+    """Check an FMU. **With** ``run`` **its code is run**, in a process of its own unless ``Fmu.isolated`` is False.
 
     Validated are: the archive; the description against its schema, names, units, start values and the completeness of
     its structure; then, for each kind it offers, that it starts and runs, that the state can be taken and put back bit
@@ -60,7 +62,10 @@ def check(
 
     Parameters
     ----------
-    path : str or Path
+    fmu : str, Path or Fmu
+        The file, or the file with the parameters, clocks and tolerance that it is run with. ``isolated=False`` runs
+        foreign code in the caller's process, with all that it may do there; else a crash is a finding too. SECURITY.md
+        says what a process of its own fences.
     reference : str or Path, optional
         Recorded outputs ``NAME_out.csv`` (first column time), replayed as co-simulation on ``NAME_in.csv`` beside it.
     inputs_at : {"start", "end"}
@@ -69,12 +74,6 @@ def check(
         Allowed deviation from the reference: ``atol + rtol * |value|``.
     run : bool
         Whether to load and run the FMU.
-    limits : ArchiveLimits, optional
-        What the archive may hold at most.
-    isolated : bool or Isolation
-        Whether the FMU runs in a process of its own, and within which limits of time; then a crash is a finding too.
-        False runs foreign code in the caller's process, with all that it may do there. SECURITY.md says what a
-        process of its own fences.
 
     Returns
     -------
@@ -84,18 +83,23 @@ def check(
     Raises
     ------
     ValueError
-        If the reference itself cannot be read.
+        If the reference itself cannot be read, or a parameter is none that the FMU lets be set.
     """
     if inputs_at not in ("start", "end"):
         raise ValueError(f'inputs_at: expected "start" or "end", got {inputs_at!r}')
-    recorded = None if reference is None else read_reference(reference)
-    checker = Checker(Path(path), limits)
+    recorded = None if reference is None else Reference.read(reference)
+    chosen = Fmu.of(fmu)
+    checker = Checker(Path(chosen.path), chosen.limits)
     description = None
     with checker.stage("archive and schema", "schema"):
-        description = describe(path, limits=limits)
+        description = describe(chosen.path, limits=chosen.limits)
     if description is None:
         return checker.report()
     checker.fmi = description.fmi
+    structure = structure_among(description, chosen.parameters)
+    refuse_unknown(
+        resized(description, structure, limits=chosen.limits) if structure else description, chosen.parameters
+    )
     _static(checker, description)
     if not run:
         return checker.report()
@@ -105,15 +109,16 @@ def check(
             checker.hint(f"not run: no binary for {native_platform()}; it has binaries for {has}")
             return checker.report()
     with checker.stage("unpack"):
-        fmu = UnpackedFmu(path, limits=limits, isolated=isolated)
+        unpacked = UnpackedFmu(chosen, isolated=True)
+        started = partial(_started, unpacked, chosen)
         try:
             for kind in description.kinds:
                 if kind != "se":
-                    _dynamic(checker, fmu, kind)
+                    _dynamic(checker, unpacked.description, kind, started)
             if recorded is not None:
-                _replayed(checker, fmu, recorded, inputs_at, (rtol, atol))
+                _replayed(checker, unpacked, chosen, recorded, inputs_at, (rtol, atol))
         finally:
-            fmu.close()
+            unpacked.close()
     return checker.report()
 
 
@@ -190,11 +195,15 @@ def _odd_names(folder: Path) -> list[tuple[int, str]]:
     return [(e.sourceline or 0, name) for e in found if not is_structured(name := e.get("name", ""))]
 
 
-def _dynamic(checker: Checker, fmu: UnpackedFmu, kind: Kind) -> None:
-    description = fmu.description
+def _dynamic(
+    checker: Checker,
+    description: FmuDescription,
+    kind: Kind,
+    started: Callable[[Kind], AbstractContextManager[FmuInstance]],
+) -> None:
     word = _WORDS[kind]
     checker.needs_tool, checker.unavailable = description.kinds[kind].needs_tool, False
-    with checker.stage(f"{word}: run", "step" if kind == "cs" else None), _started(fmu, kind) as instance:
+    with checker.stage(f"{word}: run", "step" if kind == "cs" else None), started(kind) as instance:
         outputs = instance.signals("output")
         _finite(checker, outputs, instance, "after initialisation")
         if kind == "cs":
@@ -211,27 +220,28 @@ def _dynamic(checker: Checker, fmu: UnpackedFmu, kind: Kind) -> None:
             checker.warning(f"the FMU says: {message}")
     if checker.unavailable:
         return
-    if fmu.description.kinds[kind].state and kind == "cs":
-        with checker.stage(f"{word}: state", "state"), _started(fmu, kind) as instance:
+    if description.kinds[kind].state and kind == "cs":
+        with checker.stage(f"{word}: state", "state"), started(kind) as instance:
             round_trip(checker, instance, _start(description), _step(description))
     with (
         checker.stage(f"{word}: dependencies", "dependencies", probing=True),
-        _started(fmu, kind) as instance,
+        started(kind) as instance,
     ):
         dependencies(checker, instance)
-    if fmu.description.kinds[kind].directional_derivatives and kind == "me":
+    if description.kinds[kind].directional_derivatives and kind == "me":
         with (
             checker.stage(f"{word}: derivatives", "derivatives", probing=True),
-            _started(fmu, kind) as instance,
+            started(kind) as instance,
         ):
             derivatives(checker, instance, _start(description))
 
 
 @contextmanager
-def _started(fmu: UnpackedFmu, kind: Kind) -> Iterator[FmuInstance]:
-    instance = FmuInstance(fmu, kind, "check")
+def _started(fmu: UnpackedFmu, chosen: Fmu, kind: Kind) -> Iterator[FmuInstance]:
+    instance = FmuInstance(fmu, kind, "check", chosen.clocks)
+    tolerance = fmu.description.tolerance if chosen.tolerance is None else chosen.tolerance
     try:
-        instance.initialise(_start(fmu.description), tolerance=fmu.description.tolerance)
+        instance.initialise(_start(fmu.description), tolerance=tolerance, values=fmu.values)
         instance.begin()
         yield instance
     finally:
@@ -272,12 +282,13 @@ def _finite(checker: Checker, outputs: Signals, instance: FmuInstance, when: str
 def _replayed(
     checker: Checker,
     fmu: UnpackedFmu,
+    chosen: Fmu,
     reference: Reference,
     inputs_at: Literal["start", "end"],
     tolerance: tuple[float, float],
 ) -> None:
     with checker.stage("replay"):
-        labels, found = replay(fmu, reference, inputs_at=inputs_at)
+        labels, found = replayed(fmu, reference, inputs_at, clocks=chosen.clocks, tolerance=chosen.tolerance)
         rtol, atol = tolerance
         expected = np.column_stack([reference.outputs[label] for label in labels])
         error = np.abs(found - expected)

@@ -5,35 +5,32 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Literal
 
 import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _signals
+from .._renamed import takes_former
 from .._sections import FloatArray
-from .archive import ArchiveLimits
-from .clock_schedule import ClockTimes
+from ..simulation.signals import SignalsByName
 from .cosimulation_clocks import ClockWires
 from .cosimulation_outside import Outside, Signal
 from .cosimulation_part import Part, StepControl, step_counts, step_problem
 from .cosimulation_parts import make_part
 from .cosimulation_run import Run
 from .cosimulation_texts import TextExchange, text_wires
-from .cosimulation_wiring import Connection, Wire, parameters_by_part, refuse_ill_formed, wire_up
-from .foreign import Isolation
+from .cosimulation_wiring import parameters_by_part, wire_up
 from .inspect import Scalar
 from .instance import FmuError
-from .ssp_cut import CutDiagram
-from .ssp_read import opened_ssp
+from .ssp_read import read_ssp
+from .stepping import Master
+from .system import Participant, System
 
 __all__ = ["CosimulationResponse", "cosimulate"]
 
-Participant = str | Path | ct.InputOutputSystem
 
-
-class CosimulationResponse(ct.TimeResponseData):
+class CosimulationResponse(SignalsByName):
     """Result of :func:`cosimulate`: python-control's response data, and how it came about.
 
     Parameters
@@ -97,100 +94,48 @@ class CosimulationResponse(ct.TimeResponseData):
         self.intermediate: dict[str, ct.TimeResponseData] = dict(intermediate or {})
 
 
+@takes_former
 def cosimulate(
-    parts: Mapping[str, Participant] | CutDiagram | str | Path,
-    connections: Sequence[Connection | Wire] | None = None,
-    *,
+    system: System | Mapping[str, Participant] | str | Path,
     timepts: ArrayLike,
-    step: float | None = None,
+    *,
     inputs: Mapping[str, Signal] | None = None,
     outputs: Sequence[str] | None = None,
-    scheme: Literal["jacobi", "gauss-seidel"] = "jacobi",
-    order: Sequence[str] | None = None,
-    hold: Literal["zero", "first"] = "zero",
     parameters: Mapping[str, Scalar] | None = None,
     initial_state: Mapping[str, ArrayLike] | None = None,
-    tolerance: float | None = None,
-    absolute_tolerance: float | None = None,
-    units: Literal["raise", "convert", "warn", "ignore"] = "raise",
-    threads: int = 1,
+    master: Master | None = None,
     progress: bool = False,
-    limits: ArchiveLimits | None = None,
-    isolated: bool | Isolation = False,
-    clocks: ClockTimes | None = None,
-    intermediate: bool = False,
 ) -> CosimulationResponse:
     """Run FMUs and python-control systems wired together.
 
-    At a communication point t_k every part has reached t_k; outputs are handed on along direct feedthrough until
-    they settle, then each part advances to t_{k+1} on inputs that it holds:
-
-    * Jacobi: the inputs at t_k, for all parts alike.
-    * Gauss-Seidel: part after part, in order; a part sees the outputs at t_{k+1} of the parts before it.
-
-    Then events happen: clocks tick on the inputs at t_{k+1}, discrete inputs that changed are set in Event Mode, and
-    what that changes is handed on at once. Ticks in between, and events that an FMU with Event Mode stops at, are
-    handled where they occur, on the inputs held.
-
-    Both are of first order in the communication step, and of second order with ``hold="first"``, where inputs follow
-    lines over a step: through the last two outputs (extrapolated), through both ends of the step where these are known
-    (from outside, and from parts before in Gauss-Seidel). **The FMUs' code is run**: in this process, or with
-    ``isolated`` in processes of their own.
+    The parts exchange signals at communication points and advance in between on inputs that they hold; :class:`Master`
+    says how. Then events happen: clocks tick on the inputs at t_{k+1}, discrete inputs that changed are set in Event
+    Mode, and what that changes is handed on at once. Ticks in between, and events that an FMU with Event Mode stops at,
+    are handled where they occur, on the inputs held. **The FMUs' code is run**: in this process, or with
+    ``Fmu(path, isolated=True)`` in processes of their own.
 
     Parameters
     ----------
-    parts : dict of str to str, Path or control.InputOutputSystem; or an SSP file; or CutDiagram
-        FMU files (co-simulation; one with model exchange only is integrated here, with its events), blocks from
-        :func:`import_fmu` (each run makes a new instance), or python-control systems. An SSP file, or a diagram cut by
-        :func:`cut_diagram`, brings its own connections and parameters, and names for inputs and outputs.
-    connections : sequence of tuple of str
-        ``(input, output, ...)`` as in ``ct.interconnect``: ``("plant.f[0]", "controller.u[0]")``; several outputs are
-        summed, ``"-part.y"`` is subtracted, ``"plant.f"`` stands for all its elements. String and Binary outputs go to
-        inputs of their own type as they are. A triggered input clock ticks with the output clock that it is wired to:
-        at the same communication point, or at the end of the step in which that one ticked.
+    system : System, dict of parts, or an SSP file
+        Parts and their wiring; a dict of parts without wires; a package as :func:`read_ssp` reads it. A package, and a
+        diagram cut by :func:`cut_diagram`, bring names for inputs and outputs.
     timepts : (N,) array_like
         Times in seconds, increasing, at which results are wanted; communication points all of them.
-    step : float, optional
-        Longest communication step; the spacing of ``timepts`` by default. With ``tolerance``: the first step.
     inputs : dict of str to float, (N,) array_like or callable, optional
         What drives inputs from outside, by ``part.input``: constant, at ``timepts`` (linear in between), or a function
         of time. An input that nothing drives keeps its start value.
     outputs : sequence of str, optional
         ``part.output``; all of them by default. String and Binary ones are recorded in ``texts`` of the response.
-    scheme : {"jacobi", "gauss-seidel"}
-    order : sequence of str, optional
-        Parts in the order of Gauss-Seidel; as given by default.
-    hold : {"zero", "first"}
-        Whether continuous inputs are held over a step or follow lines. An FMU of FMI 2.0 that can interpolate inputs is
-        given slopes (fmi2SetRealInputDerivatives); every other part is given the line's value in the middle of the step
-        (FMI 3.0 has no call for slopes), which has the same integral. Discrete inputs and discrete systems hold.
     parameters : dict of str to number, text or bytes, optional
-        Parameters and start values by ``part.name``. Structural parameters of FMU files are set before all else.
+        Parameters and start values by ``part.name``, before those of the system and of an :class:`Fmu`. Structural
+        parameters of FMU files are set before all else.
     initial_state : dict of str to (n,) array_like, optional
         Of python-control systems, by part; by default the start values that its blocks know of, else zero.
-    tolerance, absolute_tolerance : float, optional
-        Step control: each step is made once and again as two halves, the difference of all outputs is kept below
-        ``absolute_tolerance + tolerance * |y|``, and the finer result is kept. All parts must be able to put back their
-        state. ``absolute_tolerance`` is ``tolerance`` by default.
-    units : {"raise", "convert", "warn", "ignore"}
-        Where a wire joins different units; those of one dimension can be converted, by the factors and offsets that the
-        FMUs define or their names say. Packages convert as SSP has it.
-    threads : int
-        For the steps of FMUs with Jacobi in C, except on Windows: worth it for FMUs whose steps take 10 us and more.
-        The results do not depend on it.
+    master : Master, optional
+        Communication step, scheme and order, how inputs are held, step control. By default Jacobi from result to
+        result.
     progress : bool
         Show a progress bar.
-    limits : ArchiveLimits, optional
-    isolated : bool or Isolation
-        Whether each FMU file runs in a process of its own, and within which limits of time; that costs one exchange
-        between processes a step, 0.3 to 0.6 ms. SECURITY.md says what it fences. Blocks from :func:`import_fmu` run
-        as they were imported.
-    clocks : dict of str to float or sequence of float, optional
-        By ``part.clock``: for clocks whose interval is the importer's to choose, that in seconds; for triggered ones
-        the times at which they tick. Periodic and countdown clocks tick as their FMU says.
-    intermediate : bool
-        Whether FMUs that provide intermediate updates (FMI 3.0) are to tell of their Float64 outputs inside steps, on
-        the inputs held; ``response.intermediate`` has them.
 
     Returns
     -------
@@ -220,81 +165,51 @@ def cosimulate(
     derivatives where the FMUs have them and on differences otherwise, to a residual of 1e-10 of the largest signal. An
     FMU that does not say which inputs its outputs depend on counts as if they depended on all.
 
-    References
-    ----------
-    Schierz, T., Arnold, M., Clauss, C.: Co-simulation with communication step size control in an FMI compatible
-    master algorithm. 9th International Modelica Conference, 2012.
-
     Examples
     --------
     >>> import control as ct
     >>> plant = ct.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]], inputs="u", outputs="y")
     >>> gain = ct.ss([], [], [], [[2.0]], inputs="e", outputs="u")
-    >>> response = cosimulate(
-    ...     {"plant": plant, "gain": gain},
-    ...     [("plant.u", "gain.u"), ("gain.e", "-plant.y")],
-    ...     timepts=[0.0, 0.5, 1.0],
-    ...     step=0.01,
-    ...     initial_state={"plant": [1.0]},
-    ... )
+    >>> loop = System({"plant": plant, "gain": gain}, [("plant.u", "gain.u"), ("gain.e", "-plant.y")])
+    >>> response = cosimulate(loop, [0.0, 0.5, 1.0], master=Master(0.01), initial_state={"plant": [1.0]})
     >>> response.output_labels
     ['plant.y', 'gain.u']
     >>> abs(float(response.outputs[0, -1]) - 0.1353) < 0.01  # exp(-2 t)
     True
     """
-    times = _checked_times(timepts, step)
-    for name, value, known in (
-        ("scheme", scheme, ("jacobi", "gauss-seidel")),
-        ("hold", hold, ("zero", "first")),
-    ):
-        if value not in known:
-            raise ValueError(f'{name}: expected "{known[0]}" or "{known[1]}", got {value!r}')
-    if threads < 1:
-        raise ValueError(f"threads: expected at least 1, got {threads}")
-    for name, value in (("tolerance", tolerance), ("absolute_tolerance", absolute_tolerance)):
-        if value is not None and not 0.0 < value < np.inf:
-            raise ValueError(f"{name}: expected a number > 0, got {value}")
-    refuse_ill_formed(connections or ())
+    whole = _whole(system)
+    master = master or Master()
+    times = _checked_times(timepts)
     with ExitStack() as stack:
-        names: Mapping[str, str] = {}
-        wires: Sequence[Connection | Wire] = connections or ()
-        outside: Mapping[str, Sequence[Wire]] = {}
-        if isinstance(parts, str | Path):
-            system = stack.enter_context(opened_ssp(parts, limits=limits))
-            parts, wires, outside, names = (
-                system.parts,
-                [*system.wires, *wires],
-                system.inputs,
-                system.outputs,
-            )
-            parameters = {**system.parameters, **(parameters or {})}
-        elif isinstance(parts, CutDiagram):
-            outside = {label: [Wire(sink, "") for sink in sinks] for label, sinks in parts.inputs.items()}
-            parts, wires, names = parts.parts, [*parts.wires, *wires], parts.outputs
         members = _members(
-            stack, parts, parameters or {}, initial_state or {}, limits, isolated, clocks or {}, intermediate
+            stack,
+            whole.parts,
+            {**whole.parameters, **(parameters or {})},
+            initial_state or {},
+            master.intermediate,
         )
-        clock_wires = ClockWires(members, wires)
+        clock_wires = ClockWires(members, whole.connections)
         handed, numbers = text_wires(members, clock_wires.others)
-        wiring = wire_up(members, numbers, units=units)
-        wanted = _wanted(members, outputs, names)
+        wiring = wire_up(members, numbers, units=whole.units)
+        wanted = _wanted(members, outputs, whole.outputs)
         texts = TextExchange(members, handed, wanted)
         _refuse_texts(members, inputs or {})
         run = Run(
             members,
             wiring,
-            Outside(wiring, inputs or {}, outside, times),
-            _sequence(members, scheme, order),
+            Outside(wiring, inputs or {}, whole.ends, times),
+            _sequence(members, master),
             {name: wiring.source(label) for name, label in wanted.items() if name not in texts.rows},
             texts,
             clock_wires,
-            threads,
-            first=hold == "first",
+            master.threads,
+            first=master.hold == "first",
         )
-        control = StepControl(tolerance, absolute_tolerance or tolerance) if tolerance is not None else None
-        _check_steps(members, times, step, control)
+        rtol = master.tolerance
+        control = None if rtol is None else StepControl(rtol, master.absolute_tolerance or rtol)
+        _check_steps(members, times, master.step, control)
         try:
-            run.over(times, step, control, progress)
+            run.over(times, master.step, control, progress)
         except FmuError as error:
             so_far = _response(run, times, str(error))
             if error.status == "ended":
@@ -304,51 +219,43 @@ def cosimulate(
         return _response(run, times, run.message)
 
 
+def _whole(system: object) -> System:
+    if isinstance(system, System):
+        return system
+    if isinstance(system, str | Path):
+        return read_ssp(system)
+    if isinstance(system, Mapping):
+        return System(system)
+    raise TypeError(
+        f"system: expected System(parts, connections), a dict of parts or an SSP file, got {system!r}"
+    )
+
+
 def _members(
     stack: ExitStack,
     parts: Mapping[str, Participant],
     parameters: Mapping[str, Scalar],
     initial_state: Mapping[str, ArrayLike],
-    limits: ArchiveLimits | None,
-    isolated: bool | Isolation,
-    clocks: ClockTimes,
     intermediate: bool,
 ) -> list[Part]:
-    if not parts:
-        raise ValueError("parts: expected at least one")
     strange = sorted(set(initial_state) - set(parts))
     if strange:
         raise ValueError(f"initial_state: {strange[0]!r} names no part; there are {list(parts)}")
     values = parameters_by_part(list(parts), parameters)
-    chosen: dict[str, dict[str, float | Sequence[float]]] = {name: {} for name in parts}
-    for key, given in clocks.items():
-        owner, _, clock = key.partition(".")
-        if owner not in chosen:
-            raise ValueError(f"clocks: {key!r} names no part; expected part.clock, of {list(parts)}")
-        chosen[owner][clock] = given
     members: list[Part] = []
     for name, thing in parts.items():
         part = make_part(
-            name,
-            thing,
-            values[name],
-            initial_state=initial_state.get(name),
-            limits=limits,
-            isolated=isolated,
-            clocks=chosen[name],
-            intermediate=intermediate,
+            name, thing, values[name], initial_state=initial_state.get(name), intermediate=intermediate
         )
         stack.callback(part.close)
         members.append(part)
     return members
 
 
-def _checked_times(timepts: ArrayLike, step: float | None) -> FloatArray:
+def _checked_times(timepts: ArrayLike) -> FloatArray:
     times = _signals.sample_times("timepts", timepts)
     if len(times) < 2:
         raise ValueError("timepts: expected at least two times in seconds, got one")
-    if step is not None and not 0.0 < step < np.inf:
-        raise ValueError(f"step: expected seconds > 0, got {step}")
     return times
 
 
@@ -375,15 +282,12 @@ def _check_steps(
         raise ValueError("; ".join(problems))
 
 
-def _sequence(parts: Sequence[Part], scheme: str, order: Sequence[str] | None) -> list[int] | None:
+def _sequence(parts: Sequence[Part], master: Master) -> list[int] | None:
     names = [part.name for part in parts]
+    order = master.order
     if order is not None and sorted(order) != sorted(names):
         raise ValueError(f"order: expected each part once, of {names}, got {list(order)}")
-    if scheme == "jacobi":
-        if order is not None:
-            raise ValueError('order: means nothing to scheme="jacobi"; expected scheme="gauss-seidel"')
-        return None
-    return [names.index(name) for name in order or names]
+    return None if master.scheme == "jacobi" else [names.index(name) for name in order or names]
 
 
 def _wanted(parts: Sequence[Part], outputs: Sequence[str] | None, names: Mapping[str, str]) -> dict[str, str]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .._sections import FloatArray
 from ..diagram import flatten
 from ..simulation.adaptive import Integrator, StepError
-from ..simulation.limits import Limits
+from ..simulation.limits import Budget
 from .cosimulation_part import Part
 from .importing_model import FmuModel
 from .instance import FmuError
@@ -153,7 +153,7 @@ class ModelPart(Part):
 
     def _begun(self, until: float) -> Integrator:
         p = self._flat.start_parameters()
-        return Integrator(self._flat, p, Limits(_MOST_STEPS), rtol=_RTOL, atol=_ATOL, until=until)
+        return Integrator(self._flat, p, Budget(_MOST_STEPS), rtol=_RTOL, atol=_ATOL, until=until)
 
     def _stopped(self, error: StepError) -> FmuError:
         ended = self._over

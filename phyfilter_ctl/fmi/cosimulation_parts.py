@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._sections import FloatArray
-from .archive import ArchiveLimits
 from .clock_schedule import ClockTimes
 from .cosimulation_model import ModelPart
 from .cosimulation_part import Part
 from .cosimulation_system import SystemPart
-from .foreign import Isolation
+from .fmu import Fmu
 from .importing import import_fmu
 from .importing_blocks import input_starts
 from .importing_model import FmuModel
@@ -61,6 +60,8 @@ class FmuPart(Part):
     kind : {"cs", "se"}
     intermediate : bool
         Whether it is to tell of its outputs inside steps, where it does that.
+    tolerance : float, optional
+        Of its own solver; None: that of its default experiment.
     """
 
     def __init__(
@@ -74,8 +75,10 @@ class FmuPart(Part):
         clocks: ClockTimes | None = None,
         kind: Kind = "cs",
         intermediate: bool = False,
+        tolerance: float | None = None,
     ) -> None:
         self.name = name
+        self._tolerance = fmu.description.tolerance if tolerance is None else tolerance
         values = by_element(fmu.description, values)
         self._fmu, self._owned, self._values = fmu, owned, values
         entries = recorded(fmu.description, outputs)
@@ -183,7 +186,7 @@ class FmuPart(Part):
         self.instance.initialise(
             start_time,
             stop_time=stop_time,
-            tolerance=self.instance.description.tolerance,
+            tolerance=self._tolerance,
             values=self._values,
         )
         if self._unsaid.any():
@@ -300,13 +303,10 @@ class FmuPart(Part):
 
 def make_part(
     name: str,
-    thing: str | Path | ct.InputOutputSystem,
+    thing: str | Path | Fmu | ct.InputOutputSystem,
     values: Mapping[str, Scalar],
     *,
     initial_state: ArrayLike | None = None,
-    limits: ArchiveLimits | None = None,
-    isolated: bool | Isolation = False,
-    clocks: ClockTimes | None = None,
     intermediate: bool = False,
 ) -> Part:
     """A participant from what the user gave.
@@ -314,17 +314,12 @@ def make_part(
     Parameters
     ----------
     name : str
-    thing : str, Path or control.InputOutputSystem
-        FMU file, imported FMU, or python-control system.
+    thing : str, Path, Fmu or control.InputOutputSystem
+        FMU file, with its choices or without, imported FMU, or python-control system.
     values : dict
         Its parameters and start values.
     initial_state : array_like, optional
         Of a python-control system.
-    limits : ArchiveLimits, optional
-    isolated : bool or Isolation
-        Of an FMU file: whether it runs in a process of its own.
-    clocks : dict of str to float or sequence of float, optional
-        Of an FMU.
     intermediate : bool
         Whether an FMU is to tell of its outputs inside steps.
 
@@ -333,35 +328,40 @@ def make_part(
     TypeError
         If it is none of these.
     """
-    owned = isinstance(thing, str | Path)
-    if isinstance(thing, str | Path):
-        fmu = UnpackedFmu(thing, limits=limits, isolated=isolated, structure=values)
-        kinds = fmu.description.kinds
+    owned = isinstance(thing, str | Path | Fmu)
+    if isinstance(thing, str | Path | Fmu):
+        fmu = Fmu.of(thing).told(values)
+        unpacked = UnpackedFmu(fmu)
+        kinds = unpacked.description.kinds
         kind: Kind = "me" if "me" in kinds else "se"
         if "cs" in kinds or not kinds:
             kind = "cs"
         if kind != "me":
-            rest = {key: value for key, value in values.items() if key not in fmu.structure}
-            return _fmu_part(name, fmu, True, rest, None, clocks, kind, intermediate)
-        fmu.close()
-        thing = import_fmu(
-            thing, kind="me", name=name, parameters=values, limits=limits, isolated=isolated, clocks=clocks
-        )
-        values, clocks = {}, None
+            return _fmu_part(
+                name,
+                unpacked,
+                True,
+                unpacked.values,
+                fmu.outputs,
+                fmu.clocks,
+                kind,
+                intermediate,
+                fmu.tolerance,
+            )
+        unpacked.close()
+        thing = import_fmu(fmu, kind="me", name=name)
+        values = {}
     if isinstance(thing, FmuSteps):
-        chosen = {**thing.clocks, **(clocks or {})}
         return _fmu_part(
             name,
             thing.source,
             False,
             thing.values | dict(values),
             thing.patterns,
-            chosen,
+            thing.clocks,
             thing.instance.kind,
             intermediate,
         )
-    if clocks:
-        raise ValueError(f"clocks: {name} has none that can be given here; give them to import_fmu")
     if isinstance(thing, FmuModel) and thing.has_events and not values:
         return ModelPart(name, thing, owned=owned)
     if isinstance(thing, ct.InputOutputSystem):
@@ -381,6 +381,7 @@ def _fmu_part(
     clocks: ClockTimes | None = None,
     kind: Kind = "cs",
     intermediate: bool = False,
+    tolerance: float | None = None,
 ) -> FmuPart:
     try:
         return FmuPart(
@@ -392,6 +393,7 @@ def _fmu_part(
             clocks=clocks,
             kind=kind,
             intermediate=intermediate,
+            tolerance=tolerance,
         )
     except BaseException:
         if owned:

@@ -17,7 +17,7 @@ from .cosimulation_part import Part
 from .inspect import Scalar
 from .units import AS_IS, FmuUnit, Linear, conversion
 
-__all__ = ["Connection", "Wire", "Wiring", "block_feedthrough", "refuse_ill_formed", "wire_up"]
+__all__ = ["Connection", "Wire", "Wiring", "as_wires", "block_feedthrough", "refuse_ill_formed", "wire_up"]
 
 Connection = Sequence[str]
 # A signal drives what has its rank or a higher one; ranges of integers are checked in the run.
@@ -116,7 +116,7 @@ def wire_up(
     sinks = tuple(f"{part.name}.{label}" for part in parts for label in part.inputs)
     sources = tuple(f"{part.name}.{label}" for part in parts for label in part.outputs)
     weights, offset = np.zeros((len(sinks), len(sources))), np.zeros(len(sinks))
-    wires = [wire for entry in connections for wire in _wires(entry, sinks, sources)]
+    wires = as_wires(connections, sinks, sources)
     _refuse_double(connections, sinks)
     signals = {
         f"{part.name}.{label}": (part, label) for part in parts for label in (*part.inputs, *part.outputs)
@@ -146,6 +146,25 @@ def wire_up(
         _slices([len(part.outputs) for part in parts]),
         _passes(through, weights),
     )
+
+
+def as_wires(
+    connections: Sequence[Connection | Wire], sinks: tuple[str, ...], sources: tuple[str, ...]
+) -> list[Wire]:
+    """Connections one by one.
+
+    Parameters
+    ----------
+    connections : sequence
+    sinks, sources : tuple of str
+        All inputs and outputs there are, ``part.signal``.
+
+    Raises
+    ------
+    ValueError
+        For a name that is none of them, and vectors of different lengths.
+    """
+    return [wire for entry in connections for wire in _wires(entry, sinks, sources)]
 
 
 def _slices(lengths: Sequence[int]) -> tuple[slice, ...]:

@@ -21,6 +21,7 @@ from .names import LEGAL, legal_name, with_legal_names
 
 __all__ = [
     "FIRST_REFERENCE",
+    "Fmi",
     "FmuExperiment",
     "FmuInterface",
     "FmuSolver",
@@ -133,9 +134,7 @@ class FmuInterface:
         Model exchange; co-simulation.
     variables : tuple of InterfaceVariable
         In the order of the value references.
-    solver : FmuSolver
     experiment : FmuExperiment
-    author, description : str
     depends : (n_x + n_y, n_x + n_u) bool array
         Which derivative and output depends on which state and input.
     on_time : (n_x + n_y,) bool array
@@ -155,16 +154,23 @@ class FmuInterface:
     exchange: bool
     simulation: bool
     variables: tuple[InterfaceVariable, ...]
-    solver: FmuSolver
     experiment: FmuExperiment
-    author: str = ""
-    description: str = ""
     depends: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
     on_time: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     derivatives: bool = True
     fixed_step: float = 0.0
     why: str = ""
     most_channels: int = 0
+
+    @property
+    def solver(self) -> FmuSolver:
+        """Of co-simulation with continuous states."""
+        return self.experiment.solver or FmuSolver()
+
+    @property
+    def description(self) -> str:
+        """Of the experiment, else the model's own."""
+        return self.experiment.description or self.model.description
 
     def of_kind(self, *kinds: Kind) -> tuple[int, ...]:
         """Places of the variables of some kinds.
@@ -205,11 +211,8 @@ def fmu_interface(
     *,
     fmi: Fmi = "3.0",
     kinds: Sequence[Literal["cs", "me"]] = ("cs", "me"),
-    solver: FmuSolver | None = None,
     experiment: FmuExperiment | None = None,
     arrays: bool = True,
-    author: str = "",
-    description: str = "",
     derivatives: bool = True,
     on_time: NDArray[np.bool_] | None = None,
     tunable: bool = True,
@@ -226,11 +229,9 @@ def fmu_interface(
     fmi : {"2.0", "3.0"}
     kinds : sequence of {"cs", "me"}
         Co-simulation, model exchange.
-    solver : FmuSolver, optional
     experiment : FmuExperiment, optional
     arrays : bool
         FMI 3: x[0], x[1], ... become one array x. FMI 2 has scalars only.
-    author, description : str
     derivatives : bool
         Whether the model has directional and adjoint derivatives.
     on_time : (n_x + n_y,) bool array, optional
@@ -262,7 +263,7 @@ def fmu_interface(
     chosen = set(kinds)
     if not chosen or not chosen <= {"cs", "me"}:
         raise ValueError(f"kinds: expected 'cs', 'me' or both, got {tuple(kinds)!r}")
-    solver, experiment = solver or FmuSolver(), experiment or FmuExperiment()
+    experiment = experiment or FmuExperiment()
     grouped = arrays and fmi == "3.0"
     if clocks and (fmi != "3.0" or not model.tasks):
         missing = (
@@ -299,7 +300,7 @@ def fmu_interface(
         for i, name in enumerate(model.events)
     ]
     if "cs" in chosen and model.states:
-        variables += _solver_variables(solver)
+        variables += _solver_variables(experiment.solver or FmuSolver())
     _check_names(variables)
     n_x, n_rows = len(model.states), len(model.states) + len(model.outputs)
     shape = (n_rows, n_x + len(model.inputs))
@@ -310,10 +311,7 @@ def fmu_interface(
         exchange="me" in chosen,
         simulation="cs" in chosen,
         variables=tuple(variables),
-        solver=solver,
         experiment=experiment,
-        author=author,
-        description=description or model.description,
         # A model that does not say depends on everything: safe for whoever looks for algebraic loops.
         depends=depends if depends.shape == shape else np.ones(shape, dtype=bool),
         on_time=np.zeros(n_rows, dtype=bool) if on_time is None else on_time,

@@ -60,8 +60,8 @@ def _root(interface: FmuInterface, token_name: str, token: str, fmi: str) -> ET.
     root.set(token_name, token)
     if interface.description:
         root.set("description", interface.description)
-    if interface.author:
-        root.set("author", interface.author)
+    if interface.experiment.author:
+        root.set("author", interface.experiment.author)
     root.set("generationTool", f"phyfilter-ctl {_own_version()}")
     epoch = os.environ.get("SOURCE_DATE_EPOCH", "").strip()
     if epoch.isdigit():

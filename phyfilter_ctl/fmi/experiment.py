@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from .. import _signals
+
 __all__ = ["FmuExperiment", "FmuSolver"]
 
 Method = Literal["rk4", "adaptive"]
@@ -56,7 +58,7 @@ class FmuSolver:
 
 @dataclass(frozen=True)
 class FmuExperiment:
-    """What importers run by default.
+    """What importers run by default, how the FMU integrates, and what its description says of it.
 
     Parameters
     ----------
@@ -66,22 +68,45 @@ class FmuExperiment:
         Communication step in seconds.
     tolerance : float
         Relative, for solvers of the importer and the adaptive one inside.
+    solver : FmuSolver, optional
+        Of co-simulation with continuous states. None: RK4 in steps of 1 ms, shorter where poles are fast.
+    author, description : str
+        For the model description.
 
     Raises
     ------
+    TypeError
+        For a solver, author or description of another kind.
     ValueError
         If stop is not after start, or the step or tolerance not above 0.
+
+    Examples
+    --------
+    >>> FmuExperiment(stop=2.0, step=0.01, solver=FmuSolver("adaptive")).solver.rtol
+    1e-08
     """
 
     start: float = 0.0
     stop: float = _DEFAULT_STOP
     step: float | None = None
     tolerance: float = 1e-6
+    solver: FmuSolver | None = None
+    author: str = ""
+    description: str = ""
 
     def __post_init__(self) -> None:
-        if not self.start < self.stop < float("inf"):
+        for name in ("start", "stop", "step", "tolerance"):
+            if getattr(self, name) is not None or name != "step":
+                unit = "" if name == "tolerance" else "s"
+                object.__setattr__(self, name, _signals.number(name, getattr(self, name), unit))
+        if not self.start < self.stop:
             raise ValueError(f"experiment: expected start < stop, got {self.start!r} and {self.stop!r}")
         if not self.tolerance > 0.0 or (self.step is not None and not self.step > 0.0):
             raise ValueError(
                 f"experiment: expected step and tolerance above 0, got {self.step!r} and {self.tolerance!r}"
             )
+        if self.solver is not None and not isinstance(self.solver, FmuSolver):
+            raise TypeError(f"solver: expected FmuSolver(method, step), got {self.solver!r}")
+        for name in ("author", "description"):
+            if not isinstance(getattr(self, name), str):
+                raise TypeError(f"{name}: expected text, got {getattr(self, name)!r}")

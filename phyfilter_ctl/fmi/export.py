@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -13,17 +13,16 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._renamed import takes_former, takes_signals
 from ..blocks.functions import dependencies
 from ..codegen.compiler import CompilerError
 from ..codegen.diagram_source import diagram_model
-from ..codegen.filter_model import filter_model
+from ..codegen.filter_cmodel import filter_model
 from ..codegen.identifiers import checked_identifier
 from ..codegen.model import CModel
 from ..diagram import FlatModel, flatten
 from ..diagram.fixed_step import largest_stable_step, refuse_unstable_step
-from ..filter import PhyFilter, SampledPhyFilter
-from ..filterfile import Signals
-from ..filterfile.document import settled_inertia, settled_signals
+from ..filter import PhyFilter, SampledPhyFilter, Sampling
 from .archive_write import write_archive
 from .build import build_binaries, platform_names
 from .calibration import calibration_entries
@@ -32,6 +31,7 @@ from .description import Fmi, FmuExperiment, FmuInterface, FmuSolver, fmu_interf
 from .description_xml import build_description, model_description, terminals_and_icons
 from .documentation import documentation_page, icon_png, icon_svg, terminal_png
 from .glue import fmu_sources
+from .ports import FmuPorts
 
 __all__ = ["export_fmu"]
 
@@ -41,6 +41,8 @@ _STEPS_PER_POLE = 20.0
 _OF_STABLE = 0.25
 
 
+@takes_signals
+@takes_former
 def export_fmu(
     system: ct.InputOutputSystem | FlatModel | CModel | PhyFilter | SampledPhyFilter | Sequence[PhyFilter],
     path: str | Path,
@@ -49,20 +51,10 @@ def export_fmu(
     kinds: Sequence[Literal["cs", "me"]] = ("cs", "me"),
     platforms: Sequence[str] | Literal["all"] = ("native",),
     name: str | None = None,
-    channels: int | None = None,
-    max_channels: int | None = None,
-    inertia: ArrayLike | Literal["scalar", "diagonal", "full"] | None = None,
     rate: Literal["communication", "fixed"] = "communication",
-    signals: Signals | None = None,
-    solver: FmuSolver | None = None,
+    ports: FmuPorts | None = None,
     experiment: FmuExperiment | None = None,
-    arrays: bool = True,
-    author: str = "",
-    description: str = "",
     compiler: str | Path | Sequence[str] | None = None,
-    clocks: bool = False,
-    record: Sequence[str] = (),
-    xcp: bool = False,
 ) -> Path:
     """Write a filter, a plant or a diagram as an FMU that needs nothing but itself to run.
 
@@ -81,44 +73,16 @@ def export_fmu(
         "x86_64-darwin", "aarch64-darwin" or "all" need the extra ``cross``. () makes an FMU of sources only.
     name : str, optional
         Model identifier, a C identifier. By default the diagram's name or "phyfilter".
-    channels : int, optional
-        Of a filter: number n_x of channels of x. By default those that its ``sampling``, E, the limit or ``signals``
-        tell, else 1.
-    max_channels : int, optional
-        Of a filter, FMI 3: importers choose the number of channels up to this one, by the structural parameter
-        ``channels`` in Configuration Mode; arrays have its length. The memory and the time of a step are those of
-        ``max_channels``.
-    inertia : float, (n_x,) or (n_x, n_x) array, {"scalar", "diagonal", "full"} or None
-        Of a filter: constant inertia; or, where it is sampled, the kind that is an input. None takes that of
-        ``signals``, then of its ``sampling``, else I.
     rate : {"communication", "fixed"}
         A sampled filter takes one sample per communication step, over the time that has passed; or every dt seconds.
-    signals : Signals, optional
-        Of a filter: names of channels, units and the inertia, besides those in its ``sampling``.
-    solver : FmuSolver, optional
-        Of co-simulation with continuous states. By default RK4 in steps of 1 ms, shorter where poles are
-        fast. A step at which a mode that decays at the start would grow is refused.
+    ports : FmuPorts, optional
+        Channels, inertia and units of a continuous filter (a sampled one has its own); arrays or scalars, signals
+        inside, clocks, a number of channels that importers choose, addresses for calibration.
     experiment : FmuExperiment, optional
-        Start, stop, step and tolerance that importers take by default.
-    arrays : bool
-        FMI 3: x[0], x[1], ... as one array x. False for importers without arrays, of which ecos reads zeros without a
-        word.
-    author, description : str
-        For the model description.
+        Start, stop, step and tolerance that importers take by default; solver, author and description. A solver's step
+        at which a mode that decays at the start would grow is refused.
     compiler : str, Path or sequence of str, optional
         For "native"; by default $CC, cc, gcc, clang or ziglang's.
-    clocks : bool
-        FMI 3: each sampled block with instants of its own gets a periodic clock, which the importer ticks in event mode
-        (``fmi3SetClock``) from one period after the start on; the first sample belongs to initialization. To an
-        importer that sets none the instants stay time events.
-    record : sequence of str
-        Of a diagram: signals inside that importers can read as local variables, ``block.signal``; patterns such as
-        ``plant.*`` as of :func:`phyfilter_ctl.diagram.flatten`. They are evaluated with the outputs. A state of the
-        same name becomes ``state.<name>``.
-    xcp : bool
-        For calibration tools: parameters and signals of the first instance at fixed addresses, described in A2L files
-        as the layered standard FMI-LS-XCP says. The FMU has no XCP service of its own, the importer's reads and
-        writes the memory. Not with ``max_channels``.
 
     Returns
     -------
@@ -164,27 +128,35 @@ def export_fmu(
     >>> import tempfile
     >>> from phyfilter_ctl import PhyFilter
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     export_fmu(PhyFilter([400.0, 40.0]).sampled(0.002), Path(folder, "wing.fmu"), channels=3).name
+    ...     export_fmu(PhyFilter([400.0, 40.0]).sampled(0.002, channels=3), Path(folder, "wing.fmu")).name
     'wing.fmu'
     """
     chosen, recorded = platform_names(platforms), 0
+    ports, experiment = ports or FmuPorts(), experiment or FmuExperiment()
+    channels, inertia, units = ports.channels, ports.inertia, ports.units
     if isinstance(system, ct.InputOutputSystem) and not isinstance(system, PhyFilter):
-        external, system = system.noutputs, flatten(system, record=record)
+        external, system = system.noutputs, flatten(system, record=ports.record)
         recorded = len(system.outputs) - int(external or 0)
-    elif record:
+    elif ports.record:
         raise ValueError("record belongs to diagrams and blocks of python-control, whose signals have names")
     if isinstance(system, SampledPhyFilter):
-        channels = system.sampling.channels_or(channels)
-    room = channels
-    if xcp and max_channels is not None:
-        raise ValueError(
-            "xcp gives every signal one address: expected a fixed number of channels, give channels"
+        told = system.sampling.told(channels=channels, inertia=inertia, units=units)
+        inertia, units = None, None
+        labels, channels, M = told.names, told.n_x, told.inertia
+        # Importers choose how many of the channels that it has room for are in use.
+        system = replace(
+            system, sampling=told if ports.max_channels is None else replace(told, channels=None)
         )
-    if max_channels is not None:
-        noted = settled_signals(system, signals)
-        M = settled_inertia(system, inertia, noted)
-        room, channels = room_for(system, channels, max_channels, M, noted, grouped=arrays and fmi == "3.0")
-    model, filters = _c_model(system, name, room, inertia, rate, signals)
+    else:
+        given = Sampling(1.0, channels=channels, units=units)
+        labels, channels, M = given.names, given.n_x, inertia
+    room = channels
+    if ports.max_channels is not None:
+        room, channels = room_for(
+            system, channels, ports.max_channels, M, named=bool(labels), grouped=ports.arrays and fmi == "3.0"
+        )
+    model, filters = _c_model(system, name, room, inertia, rate, labels, units)
+    solver = experiment.solver
     if solver is None and isinstance(system, FlatModel):
         solver = FmuSolver(step=min(1e-3, _OF_STABLE * largest_stable_step(system).seconds))
     elif solver is not None and isinstance(system, FlatModel) and solver.method == "rk4" and "cs" in kinds:
@@ -192,15 +164,19 @@ def export_fmu(
             system, solver.step or 0.0, "give FmuSolver(step={step}) or FmuSolver('adaptive')"
         )
     interface = fmu_interface(
-        model, fmi=fmi, kinds=kinds, solver=_solver(solver, filters if model.states else ()), experiment=experiment,
-        arrays=arrays, author=author, description=description, clocks=clocks,
+        model,
+        fmi=fmi,
+        kinds=kinds,
+        experiment=replace(experiment, solver=_solver(solver, filters if model.states else ())),
+        arrays=ports.arrays,
+        clocks=ports.clocks,
         recorded=recorded,
         on_time=_on_time(system) if isinstance(system, FlatModel) else None,
-    )  # fmt: skip
-    if max_channels is not None:
+    )
+    if ports.max_channels is not None:
         interface = with_channels(interface, channels or 1)
     tolerant = isinstance(system, SampledPhyFilter) and system.sampling.nonfinite == "hold"
-    token, sources = sealed(interface, accept_bad_inputs=tolerant, xcp=xcp)
+    token, sources = sealed(interface, accept_bad_inputs=tolerant, xcp=ports.xcp)
     binaries: dict[str, bytes] = {}
     try:
         if chosen:
@@ -213,7 +189,7 @@ def export_fmu(
         )
     notes = [system.describe()] if isinstance(system, PhyFilter) else []
     page = documentation_page(interface, filters=filters, notes=notes, sources_only=not binaries)
-    extra = calibration_entries(interface, token, binaries) if xcp else {}
+    extra = calibration_entries(interface, token, binaries) if ports.xcp else {}
     return write_archive(path, fmu_entries(interface, token, sources, page) | binaries | extra)
 
 
@@ -223,7 +199,8 @@ def _c_model(
     channels: int | None,
     inertia: ArrayLike | Literal["scalar", "diagonal", "full"] | None,
     rate: Literal["communication", "fixed"],
-    signals: Signals | None,
+    labels: tuple[str, ...],
+    units: Mapping[str, str] | None,
 ) -> tuple[CModel, tuple[PhyFilter, ...]]:
     """The C sources, and the filters to draw."""
     if isinstance(system, (PhyFilter, SampledPhyFilter)) or (
@@ -231,14 +208,14 @@ def _c_model(
     ):
         filters = system.filters if isinstance(system, SampledPhyFilter) else system
         parts = (filters,) if isinstance(filters, PhyFilter) else tuple(filters)
-        count = channels if channels is not None else _channels(system, parts, signals)
+        count = channels if channels is not None else _channels(system, parts)
         return (
             filter_model(
-                system, count, inertia=inertia, name=name or "phyfilter", rate=rate, signals=signals
+                system, count, inertia=inertia, names=labels, units=units, name=name or "phyfilter", rate=rate
             ),
             parts,
         )
-    for option, value in (("channels", channels), ("inertia", inertia), ("signals", signals)):
+    for option, value in (("channels", channels), ("inertia", inertia), ("units", units)):
         if value is not None:
             raise ValueError(f"{option} belongs to filters; a diagram has its own")
     if rate != "communication":
@@ -266,12 +243,8 @@ def _on_time(flat: FlatModel) -> NDArray[np.bool_]:
 
 
 def _channels(
-    system: PhyFilter | SampledPhyFilter | Sequence[PhyFilter],
-    parts: tuple[PhyFilter, ...],
-    signals: Signals | None,
+    system: PhyFilter | SampledPhyFilter | Sequence[PhyFilter], parts: tuple[PhyFilter, ...]
 ) -> int:
-    if signals is not None and signals.channels:
-        return len(signals.channels)
     if isinstance(system, SampledPhyFilter) and system.E is not None:
         return len(system.E)
     return len(parts)

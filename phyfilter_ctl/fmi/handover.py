@@ -13,16 +13,17 @@ import control as ct
 import numpy as np
 
 from .._output import check_folder
+from .._renamed import takes_former, takes_signals
 from .._sections import FloatArray
-from ..codegen import CompilerError, compile_sources, export_c, find_compiler
+from ..codegen import CompilerError, export_c, find_compiler
+from ..codegen.compiler import compile_sources
 from ..diagram import FlatModel, flatten
 from ..filter import SampledPhyFilter
-from ..filterfile import Signals
 from .description import FmuExperiment, FmuSolver
 from .export import export_fmu
+from .fmu import Fmu
 from .inspect import Scalar
-from .replay import Reference, replay, replay_in_fmpy, write_reference
-from .unpacked import UnpackedFmu
+from .replay import Reference, replay, replay_in_fmpy
 
 __all__ = ["HandOver", "hand_over"]
 
@@ -111,6 +112,8 @@ class HandOver:
         return max(self.largest.values(), default=None)
 
 
+@takes_signals
+@takes_former
 def hand_over(
     system: ct.InputOutputSystem | FlatModel | SampledPhyFilter,
     folder: str | Path,
@@ -118,8 +121,6 @@ def hand_over(
     *,
     name: str,
     formats: Sequence[Format] = ("C", "FMI 2.0", "FMI 3.0"),
-    channels: int | None = None,
-    signals: Signals | None = None,
     solver: FmuSolver | None = None,
     parameters: Mapping[str, Scalar] | None = None,
     inputs_at: Literal["start", "end"] = "end",
@@ -142,8 +143,6 @@ def hand_over(
     name : str
         Of files and symbols, a C identifier.
     formats : sequence of {"C", "FMI 2.0", "FMI 3.0"}
-    channels, signals
-        Of a filter, as for :func:`export_fmu`.
     solver : FmuSolver, optional
         Of FMUs with continuous states.
     parameters : dict, optional
@@ -203,21 +202,18 @@ def hand_over(
         if report is not None:
             report(form)
         if form == "C":
-            exports[form] = export_c(
-                system, target / f"{name}_c", channels=channels, name=name, signals=signals
-            )
+            exports[form] = export_c(system, target / f"{name}_c", name=name)
             found = _through_c(exports[form], system, recorded, name, dt)
         else:
             version: Literal["2.0", "3.0"] = "2.0" if form == "FMI 2.0" else "3.0"
-            exports[form] = export_fmu(
-                system, target / f"{name}_fmi{version[0]}.fmu", fmi=version, name=name, channels=channels,
-                signals=signals, solver=solver, experiment=FmuExperiment(stop=float(recorded.times[-1]), step=dt),
-            )  # fmt: skip
+            experiment = FmuExperiment(stop=float(recorded.times[-1]), step=dt, solver=solver)
+            target_file = target / f"{name}_fmi{version[0]}.fmu"
+            exports[form] = export_fmu(system, target_file, fmi=version, name=name, experiment=experiment)
             found = _through_fmu(exports[form], recorded, inputs_at, importer, parameters)
         differences[form] = {
             label: float(np.abs(found[label] - values).max()) for label, values in recorded.outputs.items()
         }
-    write_reference(target / f"{name}_out.csv", recorded)
+    recorded.write(target / f"{name}_out.csv")
     return HandOver(len(recorded.times), exports, differences)
 
 
@@ -230,11 +226,7 @@ def _through_fmu(
 ) -> dict[str, FloatArray]:
     if importer == "fmpy":
         return replay_in_fmpy(path, record, inputs_at=inputs_at)
-    fmu = UnpackedFmu(path)
-    try:
-        labels, outputs = replay(fmu, record, inputs_at=inputs_at, parameters=parameters)
-    finally:
-        fmu.close()
+    labels, outputs = replay(Fmu(path, parameters=parameters or {}), record, inputs_at=inputs_at)
     return dict(zip(labels, outputs.T, strict=True))
 
 

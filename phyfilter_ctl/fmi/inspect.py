@@ -28,7 +28,7 @@ from .documents import complete_initial, fmi_version, read_description, validate
 from .platforms import platforms_among
 from .units import FmuUnit
 
-__all__ = ["FmuDescription", "FmuKind", "FmuVariable", "describe"]
+__all__ = ["FmuDescription", "FmuKind", "FmuVariable", "describe", "refuse_unknown"]
 
 _BASE_UNITS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 Scalar = float | int | bool | str | bytes
@@ -240,6 +240,32 @@ class FmuDescription:
                 lines.append(f"  {causality}")
                 lines += [f"    {_variable_line(entry)}" for entry in entries]
         return "\n".join(lines)
+
+
+def refuse_unknown(description: FmuDescription, parameters: Mapping[str, Scalar]) -> None:
+    """Raise where a value is for nothing that an FMU lets be set.
+
+    Parameters
+    ----------
+    description : FmuDescription
+    parameters : dict
+
+    Raises
+    ------
+    ValueError
+    """
+    settable = {
+        label
+        for entry in description.variables
+        if entry.start or entry.causality == "input"
+        for label in (entry.name, *entry.labels)
+    }
+    unknown = [key for key in parameters if key not in settable]
+    if unknown:
+        raise ValueError(
+            f"{description.path}: no variable with a start value is called {', '.join(unknown)}; "
+            f"there are {', '.join(sorted(settable))}"
+        )
 
 
 def describe(path: str | Path, *, limits: ArchiveLimits | None = None) -> FmuDescription:

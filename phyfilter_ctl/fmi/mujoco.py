@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _signals
+from .._renamed import takes_former
 from ..blocks.functions import Variable
 from ..codegen.compiler import CompilerError
 from ..codegen.identifiers import checked_identifier, identifier
@@ -66,6 +67,7 @@ the step is discarded.
 There are no sources inside: they cannot be built without MuJoCo's headers and library."""
 
 
+@takes_former
 def export_mujoco_fmu(
     xml: str,
     path: str | Path,
@@ -75,8 +77,6 @@ def export_mujoco_fmu(
     body: str = "",
     start: ArrayLike | None = None,
     experiment: FmuExperiment | None = None,
-    author: str = "",
-    description: str = "",
     compiler: str | Path | Sequence[str] | None = None,
 ) -> Path:
     """Write a MuJoCo model as a co-simulation FMU that needs nothing but itself to run, on this machine's platform.
@@ -95,9 +95,7 @@ def export_mujoco_fmu(
     start : (nq,) array, optional
         Positions at the start, as ``qpos``; None: those of the model.
     experiment : FmuExperiment, optional
-        What importers take by default; None: steps of one timestep.
-    author, description : str
-        For the model description.
+        What importers take by default, author and description; None: steps of one timestep.
     compiler : str, Path or sequence of str, optional
         By default $CC, cc, gcc, clang or ziglang's.
 
@@ -148,13 +146,12 @@ def export_mujoco_fmu(
     chosen = _name(xml) if name is None else checked_identifier(name)
     library = _library(mujoco)
     header = _header(facts, chosen, xml, index)
-    model = _model(facts, chosen, header, pushed=bool(index), description=description)
+    model = _model(facts, chosen, header, pushed=bool(index))
     interface = fmu_interface(
         model,
         fmi=fmi,
         kinds=("cs",),
         experiment=experiment or FmuExperiment(step=model.communication),
-        author=author,
         derivatives=False,
         tunable=False,
         fixed_step=model.communication,
@@ -288,11 +285,10 @@ class _Facts:
             # A control that rests outside its range is left open: a start is 0 here.
             ends = np.ravel(actuator.ctrlrange).tolist()
             ranged = count == 1 and np.all(actuator.ctrllimited) and ends[0] <= 0.0 <= ends[1]
-            bounds = ends if ranged else (-np.inf, np.inf)
+            low, high = ends if ranged else (-np.inf, np.inf)
             for i in range(count):
-                yield Variable(
-                    base if count == 1 else f"{base}[{i}]", 0.0, self._control_unit(k), text, *bounds
-                )
+                label = base if count == 1 else f"{base}[{i}]"
+                yield Variable(label, 0.0, self._control_unit(k), text, low, high)
 
     def _control_unit(self, k: int) -> str:
         """Of torque and force motors and of servos on joints; "" where it depends on more."""
@@ -385,7 +381,7 @@ static const char PF_MUJOCO_XML[] = {{
 """
 
 
-def _model(facts: _Facts, name: str, header: str, *, pushed: bool, description: str) -> CModel:
+def _model(facts: _Facts, name: str, header: str, *, pushed: bool) -> CModel:
     push = _vector("force", 3, "N", "Force on the body, in the world") if pushed else []
     inputs = (*facts.inputs, *push)
     outputs = (*facts.positions, *facts.velocities, *facts.sensors)
@@ -401,7 +397,7 @@ def _model(facts: _Facts, name: str, header: str, *, pushed: bool, description: 
         parameters=facts.parameters,
         communication=float(facts.compiled.opt.timestep),
         depends=np.zeros((len(outputs), len(inputs)), dtype=bool),
-        description=description or f"{name}, simulated by MuJoCo",
+        description=f"{name}, simulated by MuJoCo",
     )
 
 

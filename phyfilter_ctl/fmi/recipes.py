@@ -34,16 +34,19 @@ from typing import Literal, cast
 
 import control as ct
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
 from ..blocks import phyfilter_block
-from ..filter import FilterBank, PhyFilter, SampledPhyFilter
-from ..filterfile import Signals, load, load_signals
+from ..filter import FilterBank, PhyFilter, SampledPhyFilter, Sampling
+from ..filter.sampling import ChannelOptions
+from ..filterfile.document import read_noted
 from ..filterfile.table import TomlTable, parsed
 from ..simulation import simulate
 from .check import CheckReport, check
 from .export import export_fmu
-from .replay import Reference, read_table, write_reference
+from .ports import FmuPorts
+from .replay import Reference, read_table
 
 __all__ = ["Recipe", "check_all", "check_recipe", "read_recipe", "rebuild", "record"]
 
@@ -66,8 +69,8 @@ class Recipe:
         The folder's.
     folder : Path
     system : PhyFilter, SampledPhyFilter or control.InputOutputSystem
-    signals : Signals
-        Units beside a filter.
+    noted : ChannelOptions
+        Names, units and inertia that a continuous filter's file notes.
     fmi : tuple of {"2.0", "3.0"}
     channels : int or None
     rate : {"communication", "fixed"}
@@ -81,7 +84,7 @@ class Recipe:
     name: str
     folder: Path
     system: Exportable
-    signals: Signals
+    noted: ChannelOptions
     fmi: tuple[Fmi, ...]
     channels: int | None
     rate: Literal["communication", "fixed"]
@@ -122,7 +125,7 @@ def read_recipe(folder: str | Path) -> Recipe:
     export, reference = top.table("export"), top.table("reference")
     export.refuse_unknown(_EXPORT_KEYS)
     reference.refuse_unknown(_REFERENCE_KEYS)
-    system, signals = _system(top, folder)
+    system, noted = _system(top, folder)
     step, stop = reference.number("step"), reference.number("stop")
     if not 0.0 < step <= stop:
         raise reference.error("step", f"expected 0 < step <= stop, got {step:g} and {stop:g}")
@@ -130,7 +133,7 @@ def read_recipe(folder: str | Path) -> Recipe:
         name=folder.resolve().name,
         folder=folder,
         system=system,
-        signals=signals,
+        noted=noted,
         fmi=cast(
             tuple[Fmi, ...], tuple(_choice(export, text, _VERSIONS, "fmi") for text in export.texts("fmi"))
         ),
@@ -211,10 +214,10 @@ def record(folder: str | Path) -> Path:
     else:
         inputs = _test_signals(len(labels), times)
     names, outputs = run(times, inputs)
-    write_reference(
-        recipe.reference,
-        Reference(times, dict(zip(labels, inputs.T, strict=True)), dict(zip(names, outputs.T, strict=True))),
+    columns = (
+        dict(zip(each, values.T, strict=True)) for each, values in ((labels, inputs), (names, outputs))
     )
+    Reference(times, *columns).write(recipe.reference)
     return recipe.reference
 
 
@@ -291,12 +294,12 @@ def _choice(table: TomlTable, text: str, allowed: tuple[str, ...], key: str) -> 
     return text
 
 
-def _system(top: TomlTable, folder: Path) -> tuple[Exportable, Signals]:
+def _system(top: TomlTable, folder: Path) -> tuple[Exportable, ChannelOptions]:
     if ("filter" in top) == ("system" in top):
         raise top.error("filter", 'expected either filter = "file.toml" or system = "module:function"')
     if "filter" in top:
         file = folder / top.text("filter")
-        return load(file), load_signals(file)
+        return read_noted(file)
     module, _, name = top.text("system").partition(":")
     try:
         system = getattr(importlib.import_module(module), name)()
@@ -306,7 +309,7 @@ def _system(top: TomlTable, folder: Path) -> tuple[Exportable, Signals]:
         raise top.error(
             "system", f"expected a function that returns a python-control system, got {type(system)}"
         )
-    return system, Signals()
+    return system, {}
 
 
 def _exported(
@@ -322,10 +325,12 @@ def _exported(
         fmi=version,
         name=recipe.name,
         platforms=platforms,
-        channels=recipe.channels,
-        inertia=recipe.signals.inertia,
         rate=recipe.rate,
-        signals=recipe.signals,
+        ports=FmuPorts(
+            channels=recipe.channels or recipe.noted.get("channels"),
+            inertia=recipe.noted.get("inertia"),
+            units=recipe.noted.get("units"),
+        ),
     )
 
 
@@ -336,9 +341,12 @@ def _runner(recipe: Recipe) -> tuple[list[str], Runner]:
     """Names of the inputs, and what runs the system on them without any FMU."""
     if isinstance(recipe.system, ct.InputOutputSystem) and not isinstance(recipe.system, PhyFilter):
         return _diagram_runner(recipe.system)
-    n_x = recipe.channels or len(recipe.signals.channels) or 1
+    known = Sampling(1.0, **recipe.noted)
     if isinstance(recipe.system, SampledPhyFilter):
-        return _sampled_runner(recipe.system, n_x, recipe.signals)
+        known = recipe.system.sampling
+    n_x = recipe.channels or known.n_x or 1
+    if isinstance(recipe.system, SampledPhyFilter):
+        return _sampled_runner(recipe.system, n_x)
     return _continuous_runner(recipe.system, n_x, recipe)
 
 
@@ -347,19 +355,19 @@ def _names(n_x: int, n_f: int) -> list[str]:
     return [f"{signal}[{i}]" for signal, count in counts.items() for i in range(count)]
 
 
-def _sampled_runner(sampled: SampledPhyFilter, n_x: int, signals: Signals) -> tuple[list[str], Runner]:
+def _sampled_runner(sampled: SampledPhyFilter, n_x: int) -> tuple[list[str], Runner]:
     n_f = n_x if sampled.E is None else sampled.E.shape[1]
 
     def run(times: FloatArray, u: FloatArray) -> tuple[list[str], FloatArray]:
         x, g, f_theta = np.split(u, [n_x, 2 * n_x], axis=1)
-        f_hat = sampled.run(x, g, f_theta, inertia=signals.inertia, times=times)
+        f_hat = sampled.run(x, g, f_theta, times=times)
         return [f"f_hat[{i}]" for i in range(n_f)], np.asarray(f_hat, dtype=np.float64)
 
     return _names(n_x, n_f), run
 
 
 def _continuous_runner(filter: PhyFilter | FilterBank, n_x: int, recipe: Recipe) -> tuple[list[str], Runner]:
-    block = phyfilter_block(filter, n_x, inertia=recipe.signals.inertia)
+    block = phyfilter_block(filter, n_x, inertia=cast(ArrayLike | None, recipe.noted.get("inertia")))
 
     def run(times: FloatArray, u: FloatArray) -> tuple[list[str], FloatArray]:
         """Exact on inputs held over each step, from the state at rest for the first x."""
@@ -377,9 +385,7 @@ def _continuous_runner(filter: PhyFilter | FilterBank, n_x: int, recipe: Recipe)
 def _diagram_runner(system: ct.InputOutputSystem) -> tuple[list[str], Runner]:
     def run(times: FloatArray, u: FloatArray) -> tuple[list[str], FloatArray]:
         # The virtual machine everywhere: "auto" may take C where there is a compiler, with other last digits.
-        response = simulate(
-            system, times, u.T, interpolation="hold", backend="vm", rtol=1e-11, atol=1e-13, squeeze=False
-        )
+        response = simulate(system, times, u.T, interpolation="hold", backend="vm", rtol=1e-11, atol=1e-13)
         if not response.success:
             raise RuntimeError(f"{system.name}: {response.message}")
         return list(system.output_labels), np.asarray(response.outputs).reshape(

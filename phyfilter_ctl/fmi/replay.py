@@ -7,19 +7,22 @@ import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
 import fmpy
 import numpy as np
 
 from .._output import replacing
+from .._renamed import takes_former
 from .._sections import FloatArray
-from .inspect import Scalar, describe
+from .clock_schedule import ClockTimes
+from .fmu import Fmu
+from .inspect import describe
 from .instance import FmuInstance
 from .signals import Signals
 from .unpacked import UnpackedFmu
 
-__all__ = ["Reference", "read_reference", "read_table", "replay", "replay_in_fmpy", "write_reference"]
+__all__ = ["Reference", "read_table", "replay", "replay_in_fmpy", "replayed"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,76 +42,76 @@ class Reference:
     inputs: Mapping[str, FloatArray]
     outputs: Mapping[str, FloatArray]
 
+    @classmethod
+    def read(cls, path: str | Path) -> Self:
+        """Read ``NAME_out.csv`` and, where there is one, ``NAME_in.csv`` beside it.
 
-def read_reference(path: str | Path) -> Reference:
-    """Read ``NAME_out.csv`` and, where there is one, ``NAME_in.csv`` beside it.
+        Parameters
+        ----------
+        path : str or Path
+            Of the outputs.
 
-    Parameters
-    ----------
-    path : str or Path
-        Of the outputs.
+        Raises
+        ------
+        ValueError
+            If a file is no table of numbers with times that increase.
+        FileNotFoundError
+            If there is no such file.
+        """
+        path = Path(path)
+        if not path.name.endswith("_out.csv"):
+            raise ValueError(
+                f"{path}: expected a file NAME_out.csv, with NAME_in.csv beside it where there are inputs"
+            )
+        names, table = read_table(path)
+        times = table[:, 0]
+        inputs: dict[str, FloatArray] = {}
+        given = path.with_name(path.name.removesuffix("_out.csv") + "_in.csv")
+        if given.exists():
+            labels, values = read_table(given)
+            inputs = {
+                label: np.interp(times, values[:, 0], values[:, j]) for j, label in enumerate(labels) if j
+            }
+        return cls(times, inputs, {label: table[:, j] for j, label in enumerate(names) if j})
 
-    Raises
-    ------
-    ValueError
-        If a file is no table of numbers with times that increase.
-    FileNotFoundError
-        If there is no such file.
-    """
-    path = Path(path)
-    if not path.name.endswith("_out.csv"):
-        raise ValueError(
-            f"{path}: expected a file NAME_out.csv, with NAME_in.csv beside it where there are inputs"
-        )
-    names, table = read_table(path)
-    times = table[:, 0]
-    inputs: dict[str, FloatArray] = {}
-    given = path.with_name(path.name.removesuffix("_out.csv") + "_in.csv")
-    if given.exists():
-        labels, values = read_table(given)
-        inputs = {label: np.interp(times, values[:, 0], values[:, j]) for j, label in enumerate(labels) if j}
-    return Reference(times, inputs, {label: table[:, j] for j, label in enumerate(names) if j})
+    def write(self, path: str | Path) -> None:
+        """Write ``NAME_out.csv`` and ``NAME_in.csv``; numbers read back as they were.
 
-
-def write_reference(path: str | Path, reference: Reference) -> None:
-    """Write ``NAME_out.csv`` and ``NAME_in.csv``; numbers read back as they were.
-
-    Parameters
-    ----------
-    path : str or Path
-        Of the outputs, ``NAME_out.csv``.
-    reference : Reference
-    """
-    path = Path(path)
-    tables = {path: reference.outputs}
-    if reference.inputs:
-        tables[path.with_name(path.name.removesuffix("_out.csv") + "_in.csv")] = reference.inputs
-    for target, columns in tables.items():
-        with replacing(target) as whole:
-            file = io.TextIOWrapper(whole, "utf-8", newline="")
-            writer = csv.writer(file, lineterminator="\n", quoting=csv.QUOTE_NONNUMERIC)
-            writer.writerow(["time", *columns])
-            writer.writerows(np.column_stack([reference.times, *columns.values()]).tolist())
-            file.detach()  # flushed, and not closed yet
+        Parameters
+        ----------
+        path : str or Path
+            Of the outputs, ``NAME_out.csv``.
+        """
+        path = Path(path)
+        tables = {path: self.outputs}
+        if self.inputs:
+            tables[path.with_name(path.name.removesuffix("_out.csv") + "_in.csv")] = self.inputs
+        for target, columns in tables.items():
+            with replacing(target) as whole:
+                file = io.TextIOWrapper(whole, "utf-8", newline="")
+                writer = csv.writer(file, lineterminator="\n", quoting=csv.QUOTE_NONNUMERIC)
+                writer.writerow(["time", *columns])
+                writer.writerows(np.column_stack([self.times, *columns.values()]).tolist())
+                file.detach()  # flushed, and not closed yet
 
 
+@takes_former
 def replay(
-    fmu: UnpackedFmu,
+    fmu: str | Path | Fmu,
     reference: Reference,
     *,
     inputs_at: Literal["start", "end"] = "start",
-    parameters: Mapping[str, Scalar] | None = None,
 ) -> tuple[tuple[str, ...], FloatArray]:
     """Run a co-simulation FMU on recorded inputs, one communication step between two recorded times.
 
     Parameters
     ----------
-    fmu : UnpackedFmu
+    fmu : str, Path or Fmu
+        The file, or the file with parameters, clocks, a tolerance and a process of its own.
     reference : Reference
     inputs_at : {"start", "end"}
         Inputs of a step are those recorded at its start (then outputs are read after the next inputs are set) or at
         its end (for a sampled block that takes its sample at the end of the step).
-    parameters : dict, optional
 
     Returns
     -------
@@ -122,8 +125,34 @@ def replay(
     FmuError
         If it fails.
     """
+    chosen = Fmu.of(fmu)
+    unpacked = UnpackedFmu(chosen)
+    try:
+        return replayed(unpacked, reference, inputs_at, clocks=chosen.clocks, tolerance=chosen.tolerance)
+    finally:
+        unpacked.close()
+
+
+def replayed(
+    fmu: UnpackedFmu,
+    reference: Reference,
+    inputs_at: Literal["start", "end"],
+    *,
+    clocks: ClockTimes | None = None,
+    tolerance: float | None = None,
+) -> tuple[tuple[str, ...], FloatArray]:
+    """As :func:`replay`, of an FMU that is unpacked already.
+
+    Parameters
+    ----------
+    fmu : UnpackedFmu
+    reference : Reference
+    inputs_at : {"start", "end"}
+    clocks : dict, optional
+    tolerance : float, optional
+    """
     labels = tuple(reference.outputs)
-    instance = FmuInstance(fmu, "cs", "replay")
+    instance = FmuInstance(fmu, "cs", "replay", clocks)
     try:
         inputs = _vector(instance, "input", tuple(reference.inputs))
         outputs = _vector(instance, "output", labels)
@@ -131,7 +160,9 @@ def replay(
         for label, place in zip(reference.inputs, inputs[1], strict=True):
             table[:, place] = reference.inputs[label]
         times = reference.times
-        instance.initialise(float(times[0]), stop_time=float(times[-1]), values=parameters)
+        instance.initialise(
+            float(times[0]), stop_time=float(times[-1]), tolerance=tolerance, values=fmu.values
+        )
         inputs[0].write(instance, table[0])
         instance.begin()
         rows = [outputs[0].read(instance)[outputs[1]]]

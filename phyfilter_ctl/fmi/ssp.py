@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -12,14 +13,18 @@ import lxml.etree as etree
 from fmpy.ssp.ssd import validate_tree
 
 from .._intake import check_name
+from .._renamed import takes_former
 from ..diagram import flatten
 from .archive_write import write_archive
-from .cosimulation_wiring import Wire
+from .cosimulation_wiring import Wire, as_wires
 from .export import export_fmu
+from .fmu import Fmu
 from .inspect import FmuDescription, FmuVariable, Scalar, describe
+from .ports import FmuPorts
 from .ssp_cut import cut_diagram
 from .ssp_geometry import SIGNALS, add_geometry, laid_out
 from .ssp_values import NAMESPACES
+from .system import System
 from .units import FmuUnit
 
 __all__ = ["export_ssp", "write_ssp"]
@@ -92,55 +97,50 @@ def export_ssp(
     target = _target(path)
     cut = cut_diagram(system, split)
     with tempfile.TemporaryDirectory(prefix="phyfilter-") as folder:
-        fmus = {}
+        fmus: dict[str, Path] = {}
         for part, piece in cut.parts.items():
+            assert isinstance(piece, ct.InterconnectedSystem)
             fmus[part] = Path(folder, f"{part}.fmu")
             flat = flatten(piece, unconnected=unconnected)
-            export_fmu(flat, fmus[part], fmi=fmi, kinds=("cs",), platforms=platforms, name=part, arrays=False)
+            export_fmu(
+                flat,
+                fmus[part],
+                fmi=fmi,
+                kinds=("cs",),
+                platforms=platforms,
+                name=part,
+                ports=FmuPorts(arrays=False),
+            )
         return write_ssp(
+            replace(cut, parts=fmus, parameters=parameters or {}),
             target,
-            fmus,
-            cut.wires,
             name=name or system.name or "system",
-            inputs=cut.inputs,
-            outputs=cut.outputs,
-            parameters=parameters,
             stop_time=stop_time,
             system_connectors=system_connectors,
         )
 
 
+@takes_former
 def write_ssp(
+    system: System,
     path: str | Path,
-    fmus: Mapping[str, str | Path],
-    wires: Sequence[Wire],
     *,
     name: str = "system",
-    inputs: Mapping[str, Sequence[str]] | None = None,
-    outputs: Mapping[str, str] | None = None,
-    parameters: Mapping[str, Scalar] | None = None,
     start_time: float = 0.0,
     stop_time: float | None = None,
     system_connectors: bool = True,
 ) -> Path:
-    """Write a system structure package around FMUs, ours or others'.
+    """Write a system structure package (SSP 1.0) around FMUs, ours or others'.
 
     Parameters
     ----------
+    system : System
+        Of FMU files; one wire for each input. Parameters of the system, and of an :class:`Fmu`, go into the package's
+        parameter file.
     path : str or Path
         File to write, ending in ``.ssp``.
-    fmus : dict of str to str or Path
-        File by component.
-    wires : sequence of Wire
-        Between ``component.output`` and ``component.input``; one per input.
     name : str
         Of the system.
-    inputs : dict of str to sequence of str, optional
-        Connectors of the whole and the ``component.input`` they drive.
-    outputs : dict of str to str, optional
-        Connectors of the whole and the ``component.output`` behind them.
-    parameters : dict of str to number or text, optional
-        Values by ``component.parameter``.
     start_time, stop_time : float
         Default experiment, in seconds; left out without ``stop_time``.
     system_connectors : bool
@@ -156,12 +156,29 @@ def write_ssp(
         If a name is unknown or an input is driven twice; if that of a part, which becomes its file's, is no plain name.
     """
     target = _target(path)
-    for part in fmus:
+    fmus: dict[str, Path] = {}
+    given: dict[str, Scalar] = {}
+    for part, thing in system.parts.items():
         check_name(part, f"{target}: a part")
+        if not isinstance(thing, str | Path | Fmu):
+            raise TypeError(
+                f"{part}: expected an FMU file, got {type(thing).__name__}; export_fmu writes one"
+            )
+        fmu = Fmu.of(thing)
+        fmus[part] = Path(fmu.path)
+        given |= {f"{part}.{key}": value for key, value in fmu.parameters.items()}
     descriptions = {part: describe(file) for part, file in fmus.items()}
+    wires = as_wires(system.connections, _labels(descriptions, "input"), _labels(descriptions, "output"))
+    inputs, outputs = system.ends, system.outputs
+    if not system_connectors and any(
+        wire != Wire(wire.sink, "") for ends in inputs.values() for wire in ends
+    ):
+        raise ValueError(
+            f"{target}: an input with a gain or an offset needs a connector; give system_connectors=True"
+        )
     ends = [(wire.sink, "input") for wire in wires] + [(wire.source, "output") for wire in wires]
-    ends += [(sink, "input") for sinks in (inputs or {}).values() for sink in sinks]
-    ends += [(source, "output") for source in (outputs or {}).values()]
+    ends += [(wire.sink, "input") for sinks in inputs.values() for wire in sinks]
+    ends += [(source, "output") for source in outputs.values()]
     variables = {end: _variable(descriptions, *end) for end in ends}
     driven = [sink for sink, kind in ends if kind == "input"]
     twice = sorted({sink for sink in driven if driven.count(sink) > 1})
@@ -169,8 +186,8 @@ def write_ssp(
         raise ValueError(
             f"{target}: {twice[0]!r} is driven twice; an SSP connection joins one output and one input"
         )
-    values = _values(descriptions, parameters or {})
-    ends_of_whole = inputs or {}, outputs or {}
+    values = _values(descriptions, {**given, **system.parameters})
+    ends_of_whole = inputs, outputs
     shown = ends_of_whole if system_connectors else ({}, {})
     ssd = _structure(descriptions, fmus, wires, variables, *shown, name)
     _add_layout(ssd[0], list(fmus), variables, wires, *ends_of_whole)
@@ -193,10 +210,10 @@ def write_ssp(
 
 def _structure(
     descriptions: Mapping[str, FmuDescription],
-    fmus: Mapping[str, str | Path],
+    fmus: Mapping[str, Path],
     wires: Sequence[Wire],
     variables: Mapping[tuple[str, str], FmuVariable],
-    inputs: Mapping[str, Sequence[str]],
+    inputs: Mapping[str, Sequence[Wire]],
     outputs: Mapping[str, str],
     name: str,
 ) -> etree._Element:
@@ -204,7 +221,7 @@ def _structure(
     root = etree.Element(f"{_SSD}SystemStructureDescription", nsmap=spaces, version="1.0", name=name)
     root.set("generationTool", _TOOL)
     system = etree.SubElement(root, f"{_SSD}System", name=name)
-    outer = [(label, "input", variables[sinks[0], "input"]) for label, sinks in inputs.items() if sinks]
+    outer = [(label, "input", variables[sinks[0].sink, "input"]) for label, sinks in inputs.items() if sinks]
     outer += [(label, "output", variables[source, "output"]) for label, source in outputs.items()]
     _connectors(system, outer)
     bindings = etree.SubElement(system, f"{_SSD}ParameterBindings")
@@ -224,8 +241,8 @@ def _structure(
         used = {end[0].removeprefix(f"{part}."): end for end in variables if end[0].startswith(f"{part}.")}
         _connectors(component, [(label, end[1], variables[end]) for label, end in used.items()])
     pairs = [(wire.source, wire.sink, wire) for wire in wires]
-    pairs += [(label, sink, None) for label, sinks in inputs.items() for sink in sinks]
-    pairs += [(source, label, None) for label, source in outputs.items()]
+    pairs += [(label, wire.sink, wire) for label, sinks in inputs.items() for wire in sinks]
+    pairs += [(source, label, Wire(label, source)) for label, source in outputs.items()]
     if pairs:
         connections = etree.SubElement(system, f"{_SSD}Connections")
         for source, sink, wire in pairs:
@@ -239,7 +256,7 @@ def _add_layout(
     fmus: Sequence[str],
     variables: Mapping[tuple[str, str], FmuVariable],
     wires: Sequence[Wire],
-    inputs: Mapping[str, Sequence[str]],
+    inputs: Mapping[str, Sequence[Wire]],
     outputs: Mapping[str, str],
 ) -> None:
     """Where tools draw it: as ``phyfilter_ctl.draw`` would."""
@@ -251,7 +268,7 @@ def _add_layout(
         ports[part][kind == "output"].append(signal)
         units[part][signal] = variable.unit
     pairs = [(found[wire.source], found[wire.sink]) for wire in wires]
-    pairs += [(("", label), found[sink]) for label, sinks in inputs.items() for sink in sinks]
+    pairs += [(("", label), found[wire.sink]) for label, sinks in inputs.items() for wire in sinks]
     pairs += [(found[source], ("", label)) for label, source in outputs.items()]
     geometry = laid_out(
         ports, pairs, [label for label, sinks in inputs.items() if sinks], list(outputs), units
@@ -261,13 +278,13 @@ def _add_layout(
 
 
 def _annotation(
-    system: etree._Element, inputs: Mapping[str, Sequence[str]], outputs: Mapping[str, str]
+    system: etree._Element, inputs: Mapping[str, Sequence[Wire]], outputs: Mapping[str, str]
 ) -> None:
     """Names of the whole's inputs and outputs, for those who know this annotation; others pass it over."""
     holder = etree.SubElement(system, f"{_SSD}Annotations")
     annotation = etree.SubElement(holder, f"{_SSC}Annotation", type=SIGNALS)
     signals = etree.SubElement(annotation, f"{{{SIGNALS}}}Signals")
-    pairs = [("Input", label, sink) for label, sinks in inputs.items() for sink in sinks]
+    pairs = [("Input", label, wire.sink) for label, sinks in inputs.items() for wire in sinks]
     pairs += [("Output", label, source) for label, source in outputs.items()]
     for tag, label, place in pairs:
         etree.SubElement(signals, f"{{{SIGNALS}}}{tag}", name=label, signal=place)
@@ -285,7 +302,7 @@ def _connectors(element: etree._Element, entries: Sequence[tuple[str, str, FmuVa
 
 
 def _connection(
-    connections: etree._Element, source: str, sink: str, wire: Wire | None, parts: Sequence[str]
+    connections: etree._Element, source: str, sink: str, wire: Wire, parts: Sequence[str]
 ) -> None:
     element = etree.SubElement(connections, f"{_SSD}Connection")
     for side, label in (("start", source), ("end", sink)):
@@ -293,14 +310,14 @@ def _connection(
         if owner:
             element.set(f"{side}Element", owner)
         element.set(f"{side}Connector", connector)
-    if wire is not None and (wire.gain, wire.offset) != (1.0, 0.0):
+    if (wire.gain, wire.offset) != (1.0, 0.0):
         etree.SubElement(
             element,
             f"{_SSC}LinearTransformation",
             factor=repr(float(wire.gain)),
             offset=repr(float(wire.offset)),
         )
-    if wire is not None and not wire.convert:
+    if not wire.convert:
         element.set("suppressUnitConversion", "true")
 
 
@@ -350,6 +367,15 @@ def _units(
             base.set("factor", repr(definition.factor))
         if definition.offset != 0.0:
             base.set("offset", repr(definition.offset))
+
+
+def _labels(descriptions: Mapping[str, FmuDescription], kind: str) -> tuple[str, ...]:
+    return tuple(
+        f"{part}.{label}"
+        for part, description in descriptions.items()
+        for variable in description.of(kind)
+        for label in variable.labels
+    )
 
 
 def _type(variable: FmuVariable) -> str:

@@ -10,29 +10,9 @@ import control as ct
 import numpy as np
 
 from .cosimulation_wiring import Wire
+from .system import System
 
-__all__ = ["CutDiagram", "cut_diagram"]
-
-
-@dataclass(frozen=True, eq=False)
-class CutDiagram:
-    """Parts of a diagram and the wires between them; :func:`cosimulate` runs them as they are.
-
-    Parameters
-    ----------
-    parts : dict of str to control.InterconnectedSystem
-    wires : tuple of Wire
-        Between parts, one to one and of gain one: sums and gains of the diagram are inside the parts.
-    inputs : dict of str to tuple of str
-        ``part.input`` that each input of the diagram drives.
-    outputs : dict of str to str
-        ``part.output`` behind each output of the diagram.
-    """
-
-    parts: Mapping[str, ct.InterconnectedSystem]
-    wires: tuple[Wire, ...]
-    inputs: Mapping[str, tuple[str, ...]]
-    outputs: Mapping[str, str]
+__all__ = ["cut_diagram"]
 
 
 @dataclass
@@ -56,16 +36,20 @@ class _Piece:
         return next(name for name in candidates if name not in taken)
 
 
-def cut_diagram(
-    system: ct.InterconnectedSystem, split: Mapping[str, Sequence[str]] | None = None
-) -> CutDiagram:
-    """Cut a diagram into parts.
+def cut_diagram(system: ct.InterconnectedSystem, split: Mapping[str, Sequence[str]] | None = None) -> System:
+    """Cut a diagram into parts; :func:`cosimulate` runs them as they are.
 
     Parameters
     ----------
     system : control.InterconnectedSystem
     split : dict of str to sequence of str, optional
         Blocks of each part, by name; every block of the diagram in one of them. Each block a part by default.
+
+    Returns
+    -------
+    System
+        Parts of the kind ``control.InterconnectedSystem``, wires of gain one from one output to one input (sums and
+        gains of the diagram are inside the parts), and the diagram's inputs and outputs by their names.
 
     Raises
     ------
@@ -82,7 +66,7 @@ def cut_diagram(
     wires, inputs = cutter.inputs()
     outputs = cutter.outputs()
     parts = {piece.name: cutter.built(piece) for piece in cutter.pieces}
-    return CutDiagram(parts, tuple(wires), inputs, outputs)
+    return System(parts, tuple(wires), inputs=inputs, outputs=outputs)
 
 
 class _Cutter:

@@ -4,22 +4,28 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+import shutil
+import tempfile
+import weakref
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import lxml.etree as etree
 
-from .archive import ArchiveLimits, extracted
+from .._output import naming
+from .archive import ArchiveLimits, unpack
 from .cosimulation_wiring import Wire
+from .fmu import Fmu
+from .foreign import Isolation
 from .inspect import FmuDescription, Scalar, describe
 from .ssp_files import SspFiles
 from .ssp_geometry import FMU_TYPES, SIGNALS, SspGeometry, read_geometry
 from .ssp_values import NAMESPACES, SspValue, parameter_values, transformation, unit_definitions
+from .system import System
 from .units import AS_IS, FmuUnit, Linear, conversion, understood_unit
 
-__all__ = ["SspSystem", "opened_ssp"]
+__all__ = ["SspPackage", "read_package", "read_ssp"]
 
 _DEFINITION, _PACKAGE = "application/x-ssp-definition", "application/x-ssp-package"
 _VALUES = ("parameter", "structuralParameter", "constant")  # connectors that hand on values, not signals
@@ -29,65 +35,114 @@ _DEEPEST = 16
 Node = tuple[str, str]  # element path, connector
 
 
+class _Folder:
+    """A temporary folder, removed with this object."""
+
+    def __init__(self) -> None:
+        self.path: Path = Path(tempfile.mkdtemp(prefix="phyfilter-"))
+        weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
+
+
+@dataclass(frozen=True)
+class _PackedFmu(Fmu):
+    """An FMU of a package, which keeps the folder where it was unpacked."""
+
+    folder: _Folder | None = field(default=None, repr=False, compare=False)
+
+
 @dataclass(frozen=True, eq=False)
-class SspSystem:
+class SspPackage:
     """A package, unpacked.
 
     Parameters
     ----------
     name : str
-    parts : dict of str to Path
-        FMU by component; components of inner systems as ``system.component``.
-    wires : tuple of Wire
-    inputs : dict of str to tuple of Wire
-        What each input connector of the whole drives (``source`` is empty).
-    outputs : dict of str to str
-        ``component.output`` behind each output connector of the whole.
-    parameters : dict of str to number or text
-        By ``component.variable``.
+    system : System
+        Components of inner systems are parts called ``system.component``.
     start_time, stop_time : float or None
     geometry : SspGeometry or None
         Of its diagram, where the package has a whole one.
     """
 
     name: str
-    parts: Mapping[str, Path]
-    wires: tuple[Wire, ...]
-    inputs: Mapping[str, tuple[Wire, ...]]
-    outputs: Mapping[str, str]
-    parameters: Mapping[str, Scalar]
+    system: System
     start_time: float | None = None
     stop_time: float | None = None
     geometry: SspGeometry | None = None
 
+    @property
+    def files(self) -> dict[str, Path]:
+        """Of each component."""
+        return {name: Path(part.path) for name, part in self.system.parts.items() if isinstance(part, Fmu)}
 
-@contextmanager
-def opened_ssp(path: str | Path, *, limits: ArchiveLimits | None = None) -> Iterator[SspSystem]:
-    """A package in a temporary folder; nothing of its FMUs is run.
+    @property
+    def wires(self) -> tuple[Wire, ...]:
+        """Of the system."""
+        return tuple(wire for wire in self.system.connections if isinstance(wire, Wire))
+
+
+def read_ssp(
+    path: str | Path, *, isolated: bool | Isolation | None = None, limits: ArchiveLimits | None = None
+) -> System:
+    """Read a system structure package (SSP 1.0 or 2.0); nothing of its FMUs is run.
 
     Parameters
     ----------
     path : str or Path
+    isolated : bool or Isolation, optional
+        Whether each of its FMUs runs in a process of its own, as for :class:`Fmu`.
     limits : ArchiveLimits, optional
+        What it may hold at most, packages and FMUs inside it included.
+
+    Returns
+    -------
+    System
+        Components of inner systems are parts called ``system.component``. The FMUs lie in a temporary folder, which is
+        removed when the last part is gone.
 
     Raises
     ------
     ValueError
         If the archive is damaged or hostile, the description is not valid, a component is no FMU or missing, or a
         connection cannot be followed.
+
+    Examples
+    --------
+    >>> system = read_ssp("drone.ssp", isolated=True)                               # doctest: +SKIP
+    >>> cosimulate(system, timepts, inputs={"w": 0.1}, master=Master(0.002))        # doctest: +SKIP
+    """
+    return read_package(path, isolated=isolated, limits=limits).system
+
+
+def read_package(
+    path: str | Path, *, isolated: bool | Isolation | None = None, limits: ArchiveLimits | None = None
+) -> SspPackage:
+    """As :func:`read_ssp`, with what the package says besides.
+
+    Parameters
+    ----------
+    path, isolated, limits
+        As for :func:`read_ssp`.
     """
     path = Path(path)
-    with extracted(path, limits) as folder:
-        files = SspFiles(path, folder, limits)
-        reader = _Reader(path, files, limits)
-        try:
-            root, system = reader.document(folder / "SystemStructure.ssd")
-            reader.system("", system)
-        except ValueError as error:  # of a part: named by where it was unpacked
-            text = str(error).replace(f"{folder}{os.sep}", "")
-            raise ValueError(text if str(path) in text else f"{path}: {text}") from error
+    home = _Folder()
+    folder = home.path
+    with naming(folder):
+        unpack(path, folder, limits)
+    files = SspFiles(path, folder, limits)
+    reader = _Reader(path, files, limits)
+    try:
+        root, system = reader.document(folder / "SystemStructure.ssd")
+        reader.system("", system)
         experiment = root.find("ssd:DefaultExperiment", NAMESPACES)
-        yield reader.result(root.get("name", path.stem), system, experiment)
+        parts = {
+            name: _PackedFmu(file, isolated=isolated, limits=limits, folder=home)
+            for name, file in reader.parts.items()
+        }
+        return reader.result(root.get("name", path.stem), parts, system, experiment)
+    except ValueError as error:  # of a part: named by where it was unpacked
+        text = str(error).replace(f"{folder}{os.sep}", "")
+        raise ValueError(text if str(path) in text else f"{path}: {text}") from error
 
 
 @dataclass(frozen=True)
@@ -294,12 +349,19 @@ class _Reader:
         # different things the wire is left to `wire_up`, which says so.
         return Wire(".".join(node), ".".join(at), *total, convert=compare)
 
-    def result(self, name: str, system: etree._Element, experiment: etree._Element | None) -> SspSystem:
+    def result(
+        self,
+        name: str,
+        parts: Mapping[str, Fmu],
+        system: etree._Element,
+        experiment: etree._Element | None,
+    ) -> SspPackage:
         """The whole package.
 
         Parameters
         ----------
         name : str
+        parts : dict of str to Fmu
         system : lxml element
         experiment : lxml element or None
         """
@@ -319,18 +381,8 @@ class _Reader:
         times = (None if experiment is None else experiment.get(key) for key in ("startTime", "stopTime"))
         start, stop = (None if text is None else float(text) for text in times)
         self._named(system, inputs, outputs)
-        frozen = {label: tuple(found) for label, found in inputs.items()}
-        return SspSystem(
-            name,
-            self.parts,
-            tuple(wires),
-            frozen,
-            outputs,
-            self._parameters(),
-            start,
-            stop,
-            read_geometry(system),
-        )
+        whole = System(parts, wires, inputs=inputs, outputs=outputs, parameters=self._parameters())
+        return SspPackage(name, whole, start, stop, read_geometry(system))
 
     def _parameters(self) -> dict[str, Scalar]:
         """Values of the FMUs' variables; those for names that no FMU has are ignored, as SSP wants it."""

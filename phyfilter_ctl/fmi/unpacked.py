@@ -5,10 +5,10 @@ from __future__ import annotations
 import shutil
 import tempfile
 import weakref
-from collections.abc import Mapping
 from pathlib import Path
 
-from .archive import ArchiveLimits, unpack
+from .archive import unpack
+from .fmu import Fmu
 from .foreign import Isolation
 from .inspect import FmuDescription, Scalar, describe
 from .platforms import native_platform
@@ -22,19 +22,19 @@ class UnpackedFmu:
 
     Parameters
     ----------
-    path : str or Path
-    limits : ArchiveLimits, optional
-    isolated : bool or Isolation
-        Whether its instances run in processes of their own, and within which limits of time.
-    structure : dict of str to int, optional
-        Structural parameters that differ from the FMU's; other values may be among them, and are left alone.
+    fmu : str, Path or Fmu
+        Structural parameters among its parameters make the lengths of arrays.
+    isolated : bool
+        Whether its instances run in processes of their own, where the FMU leaves that open.
 
     Attributes
     ----------
     description : FmuDescription
         With the arrays as long as the structural parameters make them.
     structure : dict of str to int
-        Those that were given.
+        Structural parameters that were given.
+    values : dict
+        The other parameters that were given.
     folder : Path
     isolation : Isolation or None
 
@@ -46,17 +46,21 @@ class UnpackedFmu:
 
     def __init__(
         self,
-        path: str | Path,
+        fmu: str | Path | Fmu,
         *,
-        limits: ArchiveLimits | None = None,
-        isolated: bool | Isolation = False,
-        structure: Mapping[str, Scalar] | None = None,
+        isolated: bool = False,
     ) -> None:
+        fmu = Fmu.of(fmu)
+        path, limits = fmu.path, fmu.limits
+        chosen = isolated if fmu.isolated is None else fmu.isolated
         self.isolation: Isolation | None = (
-            isolated if isinstance(isolated, Isolation) else Isolation() if isolated else None
+            chosen if isinstance(chosen, Isolation) else Isolation() if chosen else None
         )
         self.description: FmuDescription = describe(path, limits=limits)
-        self.structure: dict[str, Scalar] = structure_among(self.description, structure or {})
+        self.structure: dict[str, Scalar] = structure_among(self.description, fmu.parameters)
+        self.values: dict[str, Scalar] = {
+            name: value for name, value in fmu.parameters.items() if name not in self.structure
+        }
         if self.structure:
             self.description = resized(self.description, self.structure, limits=limits)
         here = native_platform()

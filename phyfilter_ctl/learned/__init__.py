@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from functools import partial
+from typing import TYPE_CHECKING
+
+from .._renamed import former
 from ._window import window
 from .adaptation import AdaptationRun, AdaptationState, AdaptiveChebyshev
 from .bring import learned_model
 from .chebyshev import Chebyshev
 from .dictionary import Dictionary
-from .function_model import FunctionModel
 from .koopman import Koopman
 from .layers import Layers
 from .model import FitResult, LearnedModel
 from .network import Network
 from .neural_ode import NeuralOde, Trajectory
 from .online_koopman import KoopmanRun, KoopmanState, OnlineKoopman
-from .onnx import OnnxGraph, OnnxNetwork, OnnxNode
+from .windowed import Windowed
 
 __all__ = [
     "AdaptationRun",
@@ -23,7 +26,6 @@ __all__ = [
     "Chebyshev",
     "Dictionary",
     "FitResult",
-    "FunctionModel",
     "Koopman",
     "KoopmanRun",
     "KoopmanState",
@@ -32,10 +34,11 @@ __all__ = [
     "Network",
     "NeuralOde",
     "OnlineKoopman",
-    "OnnxGraph",
-    "OnnxNetwork",
-    "OnnxNode",
     "Trajectory",
+    "Windowed",
     "learned_model",
     "window",
 ]
+
+if not TYPE_CHECKING:  # which is to see a wrong name
+    __getattr__ = partial(former, __name__)

@@ -21,6 +21,7 @@ from .model import LearnedModel
 from .network import Network
 from .neural_ode import NeuralOde
 from .onnx import OnnxNetwork
+from .windowed import Windowed
 
 _SAVED: dict[str, type[LearnedModel]] = {
     "chebyshev": Chebyshev,
@@ -28,6 +29,7 @@ _SAVED: dict[str, type[LearnedModel]] = {
     "network": Network,
     "neural_ode": NeuralOde,
     "onnx": OnnxNetwork,
+    "windowed": Windowed,
 }
 # Next to the greatest value: single precision on its way through many layers, far below another formula.
 _SAME = 1e-4
@@ -43,7 +45,7 @@ def learned_model(model: object, *, z: ArrayLike | None = None) -> LearnedModel:
     scikit-learn: fitted regressors,        through ``skl2onnx`` in double precision (extra ``onnx``), the scaling
     pipelines, scaled targets, searches     of targets included
     PyTorch: ``torch.nn.Module``            through its own export, in evaluation mode (extra ``torch``)
-    ONNX: path, bytes or ``ModelProto``     read as :meth:`OnnxNetwork.read` does, files of constants beside it too
+    ONNX: path, bytes or ``ModelProto``     read as a network, with the files of constants that it names
     ``.npz``                                what ``save`` of a learned model wrote
     function, ``casadi.Function``           a :class:`FunctionModel`: predictions always, an expression where numpy code
                                             can be traced, no parameters

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import Generic, Protocol, Self, TypeVar, runtime_checkable
+from typing import Protocol, Self, TypeVar, runtime_checkable
 
 import casadi as ca
 from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
-from ..results import Result, Status
+from ..results import Result, SearchResult, Status
 
 M_co = TypeVar("M_co", covariant=True)
 
 
 @dataclass(frozen=True, repr=False)
-class FitResult(Result, Generic[M_co]):
+class FitResult(Result, SearchResult[M_co]):
     """What fitting a learned model gave.
 
     Attributes
@@ -38,6 +38,11 @@ class FitResult(Result, Generic[M_co]):
     iterations: int
     status: Status
     message: str
+
+    @property
+    def best(self) -> M_co:
+        """``model``: what every search calls what it found."""
+        return self.model
 
 
 @runtime_checkable

@@ -1,10 +1,14 @@
 """Logs of robots as they come: PX4, ArduPilot, ROS, Crazyflie and tables; topics on their own clocks, units, gaps."""
 
+from functools import partial
+from typing import TYPE_CHECKING
+
+from .._renamed import former
 from .clock import Clock
 from .contents import Dropout
 from .logfile import Field, LogFile, Signal, Topic, open_log
 from .recordings import read_recording
-from .suggestions import Suggestion, suggestions
+from .suggesting import Suggestion
 
 __all__ = [
     "Clock",
@@ -16,5 +20,7 @@ __all__ = [
     "Topic",
     "open_log",
     "read_recording",
-    "suggestions",
 ]
+
+if not TYPE_CHECKING:  # which is to see a wrong name
+    __getattr__ = partial(former, __name__)

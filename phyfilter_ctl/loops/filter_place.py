@@ -113,7 +113,7 @@ class FilterPlace:
         return self._known[filter.sampling]
 
     def _opened(self, filter: SampledPhyFilter) -> _Opened:
-        some = SampledPhyFilter(PhyFilter([_RATE / filter.dt]), filter.sampling, E=filter.E)
+        some = SampledPhyFilter(PhyFilter([_RATE / filter.dt]), filter.sampling)
         found = opened_loop(
             self.diagram(some), [self.signal, self.output], None, self.u0, self.settle, self.params
         )

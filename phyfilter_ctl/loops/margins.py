@@ -14,8 +14,8 @@ from ..analysis.margins import filter_margins, gain_margins
 from ..analysis.margins.matrix_search import MatrixSearch
 from ..analysis.margins.scalar_search import Bound, MarginSearch, ScalarSearch
 from ..analysis.margins.statespace import StateSpaceLoop
-from ..diagram import FlatModel, open_loop
-from ..diagram.opening import signals_of
+from ..diagram import FlatModel
+from ..diagram.opening import open_loop, signals_of
 from ..filter import SampledBank, SampledPhyFilter
 from ..results import PerChannel
 from ..values import Loop
@@ -77,7 +77,7 @@ def margins(
         Of a filter: outer gains, actuator, delay, inertia ratio, what the filter is told. None: f_hat alone, fed back
         through an ideal actuator.
     at : str or sequence of str, optional
-        ``block.signal`` of a diagram, as for :func:`phyfilter_ctl.diagram.open_loop`; several are opened all at once.
+        ``block.signal`` of a diagram; several, or all of a vector ``block.v``, are opened all at once.
     dt : float, optional
         Sampling interval in seconds: for a PhyFilter short for ``filter.sampled(dt)``.
     x0, u0, params, t
@@ -100,7 +100,7 @@ def margins(
         If the system or the loop is of another kind.
     ValueError
         For a filter that has g="average", a measurement delay with g="applied", or a ``dt`` that contradicts it; for an
-        L that is not square; for a diagram as :func:`phyfilter_ctl.diagram.open_loop` and, with sampled blocks,
+        L that is not square; for a diagram as :func:`phyfilter_ctl.between` and, with sampled blocks,
         :func:`sampled_open_loop`; for an argument that is of another kind of system.
 
     Notes
@@ -198,7 +198,7 @@ def signal_margins(
     settle: float = 0.0,
 ) -> SystemMargins:
     """Margins of a whole diagram with the loop opened at a named signal, or at several at once; see :func:`margins`."""
-    signals = signals_of(signal)
+    signals = signals_of(signal, system)
     named = signals[0] if len(signals) == 1 else signals
     flat = probed_flat(system, signals)
     if not flat.tasks:

@@ -151,7 +151,7 @@ def sampled_open_loop(
     system : control.InterconnectedSystem
         With sampled blocks.
     signal : str or sequence of str
-        As for :func:`phyfilter_ctl.diagram.open_loop`.
+        As for :func:`phyfilter_ctl.between`.
     initial_state, u0, settle, params
         As for :func:`linearize_sampled`.
 
@@ -165,7 +165,7 @@ def sampled_open_loop(
     Raises
     ------
     TypeError, ValueError
-        As for :func:`phyfilter_ctl.diagram.open_loop` and :func:`linearize_sampled`.
+        As for :func:`phyfilter_ctl.between` and :func:`linearize_sampled`.
 
     Notes
     -----
@@ -228,7 +228,7 @@ def opened_loop(
     params: Mapping[str, ArrayLike] | None,
 ) -> OpenedLoop:
     """The loop of :func:`sampled_open_loop` with all that margins need."""
-    signals = signals_of(signal)
+    signals = signals_of(signal, system)
     flat, p = probed_flat(system, signals), len(signals)
     model, where = _settled(flat, initial_state, probed_inputs(system, u0, p), settle, params)
     kind, grid = _grid(flat, p, model)

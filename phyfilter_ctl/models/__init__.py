@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Protocol, cast
 if TYPE_CHECKING:
     import control as ct
 
-__all__ = ["Model", "available", "load", "summary"]
+__all__ = ["Model", "available", "load"]
 
 _CHECKOUT = Path(__file__).resolve().parents[2]
 if (_CHECKOUT / "pyproject.toml").is_file() and (_CHECKOUT / "models").is_dir():

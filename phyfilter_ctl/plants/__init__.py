@@ -1,15 +1,16 @@
 """Plants: equations of motion, written once, as python-control systems."""
 
+from functools import partial
+from typing import TYPE_CHECKING
+
+from .._renamed import former
 from .aerial_manipulator import aerial_manipulator
 from .algebra import (
     cross,
     dot,
     norm,
-    quaternion_product,
-    quaternion_rate,
     rotate,
     rotate_back,
-    rotation_matrix,
     skew,
     solve,
     stack,
@@ -18,13 +19,7 @@ from .algebra import (
 from .arm_motion import ArmMotion
 from .arm_parts import Link
 from .bodies import mass, rigid_body
-from .coupling import (
-    Accelerations,
-    coupled_accelerations,
-    coupling_force,
-    coupling_torque,
-    payload_motion,
-)
+from .coupling import coupling_force, coupling_torque
 from .declaration import Columns
 from .factory import Plant, plant
 from .legged import JointQuantities, JointSpacePrior, LeggedRobot, load_robot
@@ -32,10 +27,10 @@ from .quadrotor import allocation_matrix, quadrotor
 from .sensors import Sensor, sensors
 from .serial_arm import SerialArm
 from .small_arm import small_arm
+from .trajectories import circle, lemniscate, trajectory, waypoints
 from .wind import wind_field
 
 __all__ = [
-    "Accelerations",
     "ArmMotion",
     "Columns",
     "JointQuantities",
@@ -47,28 +42,30 @@ __all__ = [
     "SerialArm",
     "aerial_manipulator",
     "allocation_matrix",
-    "coupled_accelerations",
+    "circle",
     "coupling_force",
     "coupling_torque",
     "cross",
     "dot",
+    "lemniscate",
     "load_robot",
     "mass",
     "norm",
-    "payload_motion",
     "plant",
     "quadrotor",
-    "quaternion_product",
-    "quaternion_rate",
     "rigid_body",
     "rotate",
     "rotate_back",
-    "rotation_matrix",
     "sensors",
     "skew",
     "small_arm",
     "solve",
     "stack",
+    "trajectory",
+    "waypoints",
     "where",
     "wind_field",
 ]
+
+if not TYPE_CHECKING:  # which is to see a wrong name
+    __getattr__ = partial(former, __name__)

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._renamed import takes_pairs
 from .._sections import FloatArray
 from .algebra import Array, cross, quaternion_rate, rotate, rotate_back, stack
 from .coupling import coupled_accelerations, coupling_force, coupling_torque, payload_motion
 from .declaration import Columns
 from .factory import Plant, Results, plant
-from .quadrotor import _SIGNS, _check_carries, _check_positive, _three, allocation_matrix
+from .quadrotor import _SIGNS, _check_positive, _three, allocation_matrix, check_carries
 from .serial_arm import SerialArm
 from .small_arm import small_arm
 
 __all__ = ["aerial_manipulator"]
 
 
+@takes_pairs
 def aerial_manipulator(
     *,
     arm: SerialArm | None = None,
@@ -29,10 +33,8 @@ def aerial_manipulator(
     drag: ArrayLike = (0.9, 0.9, 0.9),
     gravity: float = 9.81,
     rotor_max: float = 16.2,
-    servo_bandwidth: float = 40.0,
-    servo_damping: float = 1.0,
-    nominal_mass: float | None = None,
-    nominal_J: ArrayLike | None = None,
+    servo: tuple[float, float] = (40.0, 1.0),
+    nominal: tuple[float | None, ArrayLike | None] = (None, None),
     name: str = "aerial_manipulator",
 ) -> Plant:
     """A multirotor with motor lag and rotor drag that carries a serial arm with a load in its gripper, in wind.
@@ -69,26 +71,26 @@ def aerial_manipulator(
         g in m/s^2, against the z axis of the world.
     rotor_max : float
         Largest thrust of each rotor in N.
-    servo_bandwidth, servo_damping : float
-        w (rad/s) and zeta of the joint servos.
-    nominal_mass : float, optional
-        m_hat in kg. None means m_b: f_coupling is then the paper's Delta_F, the arm's weight included. With the mass
-        of platform and arm it is 0 in hover at rest.
-    nominal_J : (3,) array, optional
-        Diagonal of J_hat in kg m^2. None means J: tau_coupling is then the paper's Delta_tau.
+    servo : (float, float)
+        Bandwidth w (rad/s) and damping zeta of the joint servos.
+    nominal : (float or None, (3,) array or None)
+        m_hat in kg, and the diagonal of J_hat in kg m^2. None means m_b and J: f_coupling and tau_coupling are then the
+        paper's Delta_F and Delta_tau, the arm's weight included. With the mass of platform and arm f_coupling is 0 in
+        hover at rest.
     name : str
         Name of the block.
 
     Returns
     -------
     Plant
-        Inputs thrust[i] (N, commanded to each rotor), wind[i] (m/s, world), joint_ref[i] (rad), joint_rate_ref[i]
-        (rad/s) and payload (kg in the gripper). Outputs r, v of the platform's centre of mass (m, m/s, world), the unit
-        quaternion q (w, x, y, z) from the body to the world frame, omega (rad/s, body), rotor (N), joint (rad),
-        joint_rate (rad/s), a = R' (v' + g e_z) (m/s^2, body: what an accelerometer reads), r_e and v_e of the end
-        effector (m, m/s, world), f_coupling, f_payload and f_wind = R D R' wind (N, world), tau_coupling and
-        tau_payload (N m, body). Parameters as the arguments, but for arm. It starts level and at rest, the joints at
-        ``arm.home``, rotors and the default of the command at the thrusts that keep it so.
+        Inputs thrust[i] (N, commanded to each rotor), wind[i] (m/s, world, optional), joint_ref[i] (rad),
+        joint_rate_ref[i] (rad/s) and payload (kg in the gripper, optional). Outputs r, v of the platform's centre of
+        mass (m, m/s, world), the unit quaternion q (w, x, y, z) from the body to the world frame, omega (rad/s, body),
+        rotor (N), joint (rad), joint_rate (rad/s), a = R' (v' + g e_z) (m/s^2, body: what an accelerometer reads), r_e
+        and v_e of the end effector (m, m/s, world), f_coupling, f_payload and f_wind = R D R' wind (N, world),
+        tau_coupling and tau_payload (N m, body). Parameters as the arguments, but for arm, and servo_bandwidth,
+        servo_damping, nominal_mass and nominal_J. It starts level and at rest, the joints at ``arm.home``, rotors and
+        the default of the command at the thrusts that keep it so.
 
     Raises
     ------
@@ -104,7 +106,7 @@ def aerial_manipulator(
     turned over about x, only gravity and thrust change their signs (see :mod:`.coupling`). The servos are rigid: the
     joints follow their references as a second-order lag with the given rate, whatever the load, within the limits of
     angle and rate of the arm's links; the torques that this takes act on the platform. Drag of the arm, and what
-    quadrotor leaves out, are left out. The load is a point mass which may vary in time, see :func:`payload_motion`.
+    quadrotor leaves out, are left out. The load is a point mass which may vary in time.
     The defaults make 3 kg with :func:`small_arm`, the vehicle of :func:`quadrotor`.
 
     Examples
@@ -117,6 +119,9 @@ def aerial_manipulator(
     arm = small_arm() if arm is None else arm
     if not isinstance(arm, SerialArm):
         raise TypeError(f"arm: expected a SerialArm, such as small_arm() makes, got {type(arm).__name__}")
+    servo_bandwidth, servo_damping = _pair("servo", servo, "bandwidth in rad/s and damping")
+    nominal_mass, nominal_J = _pair("nominal", nominal, "mass in kg and J in kg m^2")
+    nominal_mass = mass if nominal_mass is None else nominal_mass
     for label, value, unit in (
         ("mass", mass, "kg"),
         ("rotor_arm", rotor_arm, "m"),
@@ -124,13 +129,13 @@ def aerial_manipulator(
         ("rotor_max", rotor_max, "N"),
         ("servo_bandwidth", servo_bandwidth, "rad/s"),
         ("servo_damping", servo_damping, ""),
-        ("nominal_mass", mass if nominal_mass is None else nominal_mass, "kg"),
+        ("nominal_mass", nominal_mass, "kg"),
     ):
         _check_positive(label, value, unit)
-    _check_carries(mass, arm.mass, gravity, rotor_max)
+    check_carries(mass, arm.mass, gravity, rotor_max)
     words = "moments of inertia in kg m^2, positive"
     inertia = _three("J", J, words, positive=True)
-    nominal = inertia if nominal_J is None else _three("nominal_J", nominal_J, words, positive=True)
+    nominal_J = inertia if nominal_J is None else _three("nominal_J", nominal_J, words, positive=True)
     coefficients = _three("drag", drag, "drag coefficients in N s/m, 0 or more", positive=False)
     level = _level_thrusts(arm, mass, gravity, allocation_matrix(rotor_arm, torque_ratio), rotor_max)
     return _declare(
@@ -147,11 +152,17 @@ def aerial_manipulator(
             "rotor_max": (rotor_max, "N", "largest thrust of a rotor"),
             "servo_bandwidth": (servo_bandwidth, "rad/s", "natural frequency of the servos"),
             "servo_damping": (servo_damping, "", "damping of the servos"),
-            "nominal_mass": (mass if nominal_mass is None else nominal_mass, "kg", "mass that f_... go with"),
-            "nominal_J": (nominal, "kg m^2", "moments of inertia that tau_... go with"),
+            "nominal_mass": (nominal_mass, "kg", "mass that f_... go with"),
+            "nominal_J": (nominal_J, "kg m^2", "moments of inertia that tau_... go with"),
         },
         name,
     )
+
+
+def _pair(name: str, given: tuple[Any, Any], words: str) -> tuple[Any, Any]:
+    if not isinstance(given, list | tuple) or len(given) != 2:
+        raise ValueError(f"{name}: expected a pair, {words}, got {given!r}")
+    return given[0], given[1]
 
 
 def _declare(
@@ -181,6 +192,7 @@ def _declare(
             "joint_rate_ref": (rest, "rad/s", "commanded joint rates"),
             "payload": (0.0, "kg", "load in the gripper"),
         },
+        optional=["wind", "payload"],
         outputs={
             "r": "m",
             "v": "m/s",

@@ -180,13 +180,16 @@ def labelled(
         Minimum and maximum of every entry, and its nominal value.
     """
     array = np.asarray(values, dtype=float)
+    minimum, maximum, *nominal = bounds
     variables = [
         Variable(
             name + (f"[{','.join(map(str, index))}]" if index else ""),
             float(value),
             unit,
             description,
-            *bounds,
+            minimum,
+            maximum,
+            nominal[0] if nominal else 0.0,
         )
         for index, value in np.ndenumerate(array)
     ]

@@ -17,7 +17,12 @@ from .algebra import Array, Scalar
 from .declaration import Columns, Declaration, Group, check_name, declared, flat, labelled
 from .interpreting import as_python, on_numbers
 
-__all__ = ["Equations", "Plant", "plant"]
+__all__ = [
+    "Equations",
+    "Plant",
+    "Results",
+    "plant",
+]
 
 Results: TypeAlias = Mapping[str, Scalar | Sequence[Scalar]]
 Equations: TypeAlias = Callable[[Array, Columns, Columns, Columns], Results | tuple[Results, Results]]
@@ -99,7 +104,13 @@ class Plant(FunctionBlock):
         parameter  drag       0      kg/m    quadratic drag
         """
         rows = [
-            (kind, entry.name, "" if kind == "output" else f"{entry.start:g}", entry.unit, entry.description)
+            (
+                kind,
+                entry.name,
+                "" if kind == "output" else f"{entry.start:g}",
+                entry.unit,
+                f"{entry.description} (optional)" if entry.optional else entry.description,
+            )
             for kind, variables in (
                 ("state", self.functions.states),
                 ("input", self.functions.inputs),
@@ -122,6 +133,7 @@ def plant(
     inputs: Mapping[str, Declaration] | None = None,
     outputs: Mapping[str, str | tuple[str, str]] | Sequence[str] | None = None,
     params: Mapping[str, Declaration] | None = None,
+    optional: Sequence[str] = (),
     name: str | None = None,
     dt: float = 0.0,
     interpreted: bool = False,
@@ -142,6 +154,8 @@ def plant(
     outputs : dict or sequence of str, optional
         name -> unit or (unit, description), or names alone, which choose and order the outputs of the equations; None
         means all. An output called like a state or an input has its unit.
+    optional : sequence of str
+        Inputs that a diagram may leave open: they are then at their default.
     name : str, optional
         Name of the block; None means that of the function.
     dt : float
@@ -181,6 +195,7 @@ def plant(
     groups = [
         declared(kind, given) for kind, given in (("states", states), ("inputs", inputs), ("params", params))
     ]
+    groups[1] = _optional(name, groups[1], optional)
     t: ca.SX = ca.SX.sym("t")
     columns = [ca.SX.sym(kind, len(flat(group))) for kind, group in zip("xup", groups, strict=True)]
     if interpreted:
@@ -208,6 +223,21 @@ def plant(
     if interpreted:
         functions = as_python(functions, equations, groups, chosen, name, has_outputs=pair[1] is not None)
     return Plant(functions, name, dt)
+
+
+def _optional(name: str, inputs: Sequence[Group], optional: Sequence[str]) -> list[Group]:
+    known = [group.name for group in inputs]
+    if isinstance(optional, str) or not set(optional) <= set(known):
+        wrong = (
+            optional if isinstance(optional, str) else next(each for each in optional if each not in known)
+        )
+        raise ValueError(f"{name}: optional: expected names of inputs; {unknown_name('input', wrong, known)}")
+    return [
+        replace(group, variables=tuple(replace(entry, optional=True) for entry in group.variables))
+        if group.name in optional
+        else group
+        for group in inputs
+    ]
 
 
 _KINDS = ("states", "inputs", "parameters")

@@ -158,7 +158,7 @@ def quadrotor(
         ("rotor_max", rotor_max, "N"),
     ):
         _check_positive(label, value, unit)
-    _check_carries(mass, added_mass, gravity, rotor_max)
+    check_carries(mass, added_mass, gravity, rotor_max)
     inertia = _three("J", J, "moments of inertia in kg m^2, positive", positive=True)
     coefficients = _three("drag", drag, "drag coefficients in N s/m, 0 or more", positive=False)
 
@@ -178,6 +178,7 @@ def quadrotor(
             "thrust": (hover, "N", "commanded thrust of each rotor"),
             "wind": (zero, "m/s", "wind, world"),
         },
+        optional=["wind"],
         outputs={
             "r": "m",
             "v": "m/s",
@@ -234,7 +235,7 @@ def _check_positive(name: str, value: float, unit: str) -> None:
     _signals.number(name, value, unit, above=0.0)
 
 
-def _check_carries(mass: float, added_mass: float, gravity: float, rotor_max: float) -> None:
+def check_carries(mass: float, added_mass: float, gravity: float, rotor_max: float) -> None:
     if not (np.isfinite(gravity) and gravity >= 0.0):
         raise ValueError(f"gravity: expected 0 m/s^2 or more, acting against z, got {gravity}")
     if not (np.isfinite(added_mass) and mass + added_mass > 0.0):

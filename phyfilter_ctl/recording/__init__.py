@@ -1,7 +1,15 @@
 """Recordings: named channels, units, CSV in and out, checks that name the row, splits by recording."""
 
-from .comparison import EstimateComparison
-from .recording import Recording
-from .splits import split_by_speed, split_flights
+from functools import partial
+from typing import TYPE_CHECKING
 
-__all__ = ["EstimateComparison", "Recording", "split_by_speed", "split_flights"]
+from .._renamed import former
+from .estimate_comparison import EstimateComparison
+from .findings import Check, Finding
+from .recording import Recording
+from .splits import split
+
+__all__ = ["Check", "EstimateComparison", "Finding", "Recording", "split"]
+
+if not TYPE_CHECKING:
+    __getattr__ = partial(former, __name__)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import EllipsisType
-from typing import Literal, Self, get_args
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -230,6 +230,33 @@ class Recorded:
         return replace(
             self, **{key: value for key, value in given.items() if not isinstance(value, EllipsisType)}
         )
+
+    def with_model(self, model: Any) -> Self:
+        """The log with what a learned model predicts as f_theta: of its features, of x where it has none.
+
+        Parameters
+        ----------
+        model : LearnedModel
+            Fitted; on windows of x a :class:`~phyfilter_ctl.learned.Windowed`.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If it is no model, the log has gaps in what the model takes, or that has another number of columns.
+
+        Examples
+        --------
+        >>> from phyfilter_ctl.learned import Chebyshev
+        >>> from phyfilter_ctl.recording import Recording
+        >>> log = Recording.from_arrays(x=[[0.0], [0.1], [0.2], [0.3]], dt=0.5, label=[[0.0], [0.2], [0.4], [0.6]])
+        >>> log.with_model(Chebyshev(1, n_d=0, l2=0.0).fit(log.x, log.label).model).f_theta.round(9).ravel().tolist()
+        [0.0, 0.2, 0.4, 0.6]
+        """
+        if isinstance(model, type) or not hasattr(model, "predict"):
+            raise TypeError(
+                f"model: expected a learned model, got {model!r}; phyfilter_ctl.learned_model(...) makes one"
+            )
+        return self.with_signals(f_theta=model.predict(self.x if self.features is None else self.features))
 
     def _at(
         self,

@@ -18,8 +18,9 @@ from numpy.typing import ArrayLike
 from .._choices import TimeUnit
 from . import checks
 from .columns import VELOCITIES
-from .comparison import EstimateComparison
 from .description import description
+from .estimate_comparison import EstimateComparison
+from .findings import Check, findings_of
 from .parts import Parts
 from .stored import Stored
 
@@ -234,6 +235,31 @@ class Recording(Parts, Stored):
             raise ValueError("estimates: expected at least one estimate, and the log has no f_theta either")
         unit = self._unit_of_f() if unit is None else unit
         return EstimateComparison(self.times, self.label, checked, self.channels, unit)
+
+    def check(self, *, time_unit_known: bool = False) -> Check:
+        """What is not plausible about it, with what to do: steps of time, gaps, g, the label, frames and the mass.
+
+        Over windows the momentum that x shows is compared with what g and the label say, M dx/W = mean g + mean f.
+
+        Parameters
+        ----------
+        time_unit_known : bool
+            Whether long or short steps are meant.
+
+        Returns
+        -------
+        Check
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from phyfilter_ctl.recording import Recording
+        >>> t = np.arange(2000) * 0.002
+        >>> log = Recording(t, np.sin(t), label=1e3 * np.cos(t), channels=["v"])
+        >>> [finding.suspicion for finding in log.check()]
+        ['label_misfit']
+        """
+        return Check(self, findings_of(self, time_unit_known=time_unit_known))
 
     def describe(self) -> str:
         """What the log holds, in words: duration, rate, jitter, gaps, channels and their ranges, signals.

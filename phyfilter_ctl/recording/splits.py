@@ -1,9 +1,9 @@
-"""Flights apart by a figure of each, so that a model is tested on flights of another kind than it has seen."""
+"""Recordings apart by a figure of each, so that a model is tested on another kind than it has seen."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -12,22 +12,25 @@ from . import checks
 if TYPE_CHECKING:
     from .recording import Recording
 
-__all__ = ["split_by_speed", "split_flights"]
+__all__ = ["split"]
 
 
-def split_flights(
-    flights: Sequence[Recording], *, key: Callable[[Recording], float], fraction: float = 0.5
+def split(
+    recordings: Sequence[Recording],
+    by: Literal["speed"] | Callable[[Recording], float] = "speed",
+    *,
+    fraction: float = 0.5,
 ) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
-    """Split flights by a figure of each: the lower ``fraction`` of them, and the rest, both sorted by it.
+    """Split recordings by a figure of each: the lower ``fraction`` of them, and the rest, both sorted by it.
 
     Parameters
     ----------
-    flights : sequence of Recording
+    recordings : sequence of Recording
         At least two.
-    key : callable
-        Recording -> float. Flights of the same figure keep their order.
+    by : "speed" or callable
+        Recording -> float. "speed" is :meth:`Recording.speed`. Recordings of the same figure keep their order.
     fraction : float
-        Share of the flights in the first part, rounded, with at least one flight in each.
+        Share of the recordings in the first part, rounded, with at least one recording in each.
 
     Returns
     -------
@@ -36,61 +39,37 @@ def split_flights(
     Raises
     ------
     TypeError
-        If it is one log.
+        If it is one recording, or ``by`` is no function.
     ValueError
-        If there are fewer than two flights, ``fraction`` is not between 0 and 1, or a figure is not finite.
+        If there are fewer than two recordings, ``by`` is another word, ``fraction`` is not between 0 and 1, or a figure
+        is not finite.
 
     Examples
     --------
-    >>> from phyfilter_ctl.recording import Recording, split_flights
-    >>> logs = [Recording.from_arrays(x=[[0.0]] * n, dt=0.1) for n in (9, 5, 7)]
-    >>> short, long = split_flights(logs, key=lambda log: log.duration)
-    >>> [log.n for log in short], [log.n for log in long]
-    ([5, 7], [9])
-    """
-    if hasattr(flights, "times"):  # a log has a length too
-        raise TypeError(
-            f"flights: expected a sequence of logs, got one: {flights!r}; its parts are log.split(0.5)"
-        )
-    if len(flights) < 2:
-        raise ValueError(f"flights: expected at least 2 to split, got {len(flights)}")
-    figures = np.array([float(key(flight)) for flight in flights])
-    if not np.all(np.isfinite(figures)):
-        raise ValueError(f"key: expected a finite figure for every flight, got {figures.tolist()}")
-    order = np.argsort(figures, kind="stable")
-    cut = min(max(round(checks.fraction_of(fraction) * len(flights)), 1), len(flights) - 1)
-    return tuple(flights[i] for i in order[:cut]), tuple(flights[i] for i in order[cut:])
-
-
-def split_by_speed(
-    flights: Sequence[Recording], fraction: float = 0.5, *, percentile: float = 99.0
-) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
-    """Split flights into slower and faster ones, sorted by :meth:`Recording.speed`.
-
-    Parameters
-    ----------
-    flights : sequence of Recording
-        At least two.
-    fraction : float
-        Share of the flights among the slower, rounded, with at least one flight in each part.
-    percentile : float
-        Percentile of \\|x\\| that counts as the speed of a flight.
-
-    Returns
-    -------
-    slower, faster : tuples of Recording
-
-    Raises
-    ------
-    ValueError
-        As for :func:`split_flights`, and if ``percentile`` is not from 0 to 100.
-
-    Examples
-    --------
-    >>> from phyfilter_ctl.recording import Recording, split_by_speed
+    >>> from phyfilter_ctl.recording import Recording, split
     >>> logs = [Recording.from_arrays(x=[[v], [v]], dt=0.1) for v in (2.0, -3.0, 1.0, 0.5)]
-    >>> slower, faster = split_by_speed(logs)
+    >>> slower, faster = split(logs)
     >>> [log.x[0, 0].item() for log in slower], [log.x[0, 0].item() for log in faster]
     ([0.5, 1.0], [2.0, -3.0])
+    >>> negative, rest = split(logs, by=lambda log: log.x.mean(), fraction=0.25)
+    >>> [log.x[0, 0].item() for log in negative]
+    [-3.0]
     """
-    return split_flights(flights, key=lambda flight: flight.speed(percentile), fraction=fraction)
+    if hasattr(recordings, "times"):  # one has a length too
+        raise TypeError(
+            f"recordings: expected a sequence of them, got one: {recordings!r}; its parts are log.split(0.5)"
+        )
+    if len(recordings) < 2:
+        raise ValueError(f"recordings: expected at least 2 to split, got {len(recordings)}")
+    if by == "speed":
+        figures = np.array([recording.speed() for recording in recordings])
+    elif callable(by):
+        figures = np.array([float(by(recording)) for recording in recordings])
+    else:
+        kind = ValueError if isinstance(by, str) else TypeError
+        raise kind(f'by: expected "speed" or a function of a recording, got {by!r}')
+    if not np.all(np.isfinite(figures)):
+        raise ValueError(f"by: expected a finite figure for every recording, got {figures.tolist()}")
+    order = np.argsort(figures, kind="stable")
+    cut = min(max(round(checks.fraction_of(fraction) * len(recordings)), 1), len(recordings) - 1)
+    return tuple(recordings[i] for i in order[:cut]), tuple(recordings[i] for i in order[cut:])

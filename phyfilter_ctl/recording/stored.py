@@ -42,8 +42,6 @@ class Stored(Recorded):
         inertia: ArrayLike | EllipsisType | None = ...,
         scale: Mapping[str, float] | None = None,
         delimiter: str = ",",
-        name: str | None = None,
-        channels: Sequence[str] | None = None,
         unit: str | None = None,
     ) -> Self:
         """A log from a CSV file: a header line with the column names, then one row a sample.
@@ -72,12 +70,13 @@ class Stored(Recorded):
             Factors that columns are multiplied with to come to the units above, such as ``{"t": 1e-3}`` for ms.
         delimiter : str
             One character.
-        name : str, optional
-            Name of the flight; None means the file's, without its suffix.
-        channels : sequence of str, optional
-            Names of the channels; None means the columns of x.
         unit : str, optional
             Unit of x; None means m/s for the default columns, else none.
+
+        Returns
+        -------
+        Recording
+            Called like the file, without its suffix, its channels like the columns of x.
 
         Raises
         ------
@@ -119,8 +118,8 @@ class Stored(Recorded):
             **values,
             times=times,
             dt=dt,
-            name=path.stem if name is None else name,
-            channels=log.x_names if channels is None else channels,
+            name=path.stem,
+            channels=log.x_names,
             unit=("m/s" if log.x_names == VELOCITIES else "") if unit is None else unit,
         )
 

@@ -4,18 +4,13 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from .._renamed import former
-from .checking import RobotCheck
 from .document import RobotSignal, presets
-from .findings import Finding, Suspicion
 from .robot import Robot
 from .writing import describe_log
 
 __all__ = [
-    "Finding",
     "Robot",
-    "RobotCheck",
     "RobotSignal",
-    "Suspicion",
     "describe_log",
     "presets",
 ]

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ..logfiles import LogFile, Signal
-from ..recording import Recording
-from ..results import Result
+from ..recording import Check, Finding, Recording
+from ..recording.findings import finding, rms, windows_of
 from .document import RobotSignal
-from .findings import Finding, Suspicion, findings_of, rms, windows_of
 from .frames import BODY, WORLD
 from .reading import Reading
 
-__all__ = ["RobotCheck", "checked"]
+__all__ = ["checked"]
 
 _STRETCH = 30.0  # s of the log by which conventions are judged
 _CLEARLY_BETTER = 0.7  # share of the misfit that another convention leaves
@@ -24,42 +23,22 @@ _MASS = 0.2  # relative
 _GAP = 3.0  # medians: a longer step ends a part
 
 
-@dataclass(frozen=True, repr=False)
-class RobotCheck(Result):
-    """What a robot file makes of a log, and whether that is plausible; made by ``Robot.check``.
-
-    Attributes
-    ----------
-    recording : Recording
-    findings : tuple of Finding
-        Empty where nothing is suspicious.
-    misfits : dict of str to float
-        rms of M x' - g - f_theta over windows by convention, the declared one first, then from the best on.
-    """
-
-    _figures = ("findings", "misfits")
-
-    recording: Recording
-    findings: tuple[Finding, ...]
-    misfits: Mapping[str, float]
-
-
-def checked(robot: Reading, log: LogFile) -> RobotCheck:
+def checked(robot: Reading, log: LogFile) -> Check:
     """See :meth:`Robot.check`."""
     recording = robot.read(log)
     known = bool(robot.time_unit) or log.format not in ("csv", "parquet", "arrow", "mat", "hdf5")
-    found = list(findings_of(recording, time_unit_known=known))
+    found = list(recording.check(time_unit_known=known))
     misfits: dict[str, float] = {}
-    if "g" in robot.model and not any(f.suspicion is Suspicion.TIME_UNIT for f in found):
+    if "g" in robot.model and not any(f.suspicion == "time_unit" for f in found):
         part = _Part(log, *_stretch(recording))
         misfits = _misfits(robot, part)
-        finding = _wrong_convention(misfits)
-        found = [f for f in found if f.suspicion is not Suspicion.WRONG_FRAME or finding is None]
-        found += [finding] if finding is not None else []
-        mass = None if finding is not None else _wrong_mass(robot, part)
+        other = _wrong_convention(misfits)
+        found = [f for f in found if f.suspicion != "wrong_frame" or other is None]
+        found += [other] if other is not None else []
+        mass = None if other is not None else _wrong_mass(robot, part)
         if mass is not None:
-            found = [f for f in found if f.suspicion is not Suspicion.WRONG_MASS] + [mass]
-    return RobotCheck(recording, tuple(found), misfits)
+            found = [f for f in found if f.suspicion != "wrong_mass"] + [mass]
+    return Check(recording, tuple(found), misfits)
 
 
 def _stretch(recording: Recording) -> tuple[float, float]:
@@ -149,7 +128,7 @@ def _wrong_convention(misfits: Mapping[str, float]) -> Finding | None:
     if least >= _CLEARLY_BETTER * given:
         return None
     said = f"rms of M x' - g is {given:.3g} N as declared, but {least:.3g} N with {name}"
-    return Finding(Suspicion.WRONG_FRAME, f"{said}: {Suspicion.WRONG_FRAME.meaning}")
+    return finding("wrong_frame", said)
 
 
 def _wrong_mass(robot: Reading, log: LogFile) -> Finding | None:
@@ -172,4 +151,4 @@ def _wrong_mass(robot: Reading, log: LogFile) -> Finding | None:
     if abs(change) < _MASS * value or rest > _CLEARLY_BETTER:
         return None
     said = f"{name} = {value + change:.3g} fits best, {value:.3g} is given"
-    return Finding(Suspicion.WRONG_MASS, f"{said}: {Suspicion.WRONG_MASS.meaning}")
+    return finding("wrong_mass", said)

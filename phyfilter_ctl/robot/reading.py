@@ -43,6 +43,10 @@ class Reading:
     model: Mapping[str, str | tuple[str, ...]]
     functions: Functions
 
+    def __call__(self, log: str | os.PathLike[str] | LogFile) -> Recording:
+        """As :meth:`read`: a robot is a function from a log to a recording."""
+        return self.read(log)
+
     def read(self, log: str | os.PathLike[str] | LogFile) -> Recording:
         """A log as a recording on the clock of x.
 

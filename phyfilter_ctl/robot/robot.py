@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from . import document
-from .checking import RobotCheck, checked
+from .checking import checked
 from .expressions import Expression, Functions
 from .mechanism import Mechanism
 from .reading import Reading
@@ -18,6 +18,7 @@ from .reading import Reading
 if TYPE_CHECKING:
     from ..filterfile.table import TomlTable
     from ..logfiles import LogFile
+    from ..recording import Check
 
 __all__ = ["Robot"]
 
@@ -111,7 +112,7 @@ class Robot(Reading):
         robot._check(top)
         return robot
 
-    def check(self, log: str | os.PathLike[str] | LogFile) -> RobotCheck:
+    def check(self, log: str | os.PathLike[str] | LogFile) -> Check:
         """Read a log and say what is not plausible about it, with what to do.
 
         Parameters
@@ -120,7 +121,7 @@ class Robot(Reading):
 
         Returns
         -------
-        RobotCheck
+        Check
             The recording, the findings, and how well each convention of the frames fits.
 
         Raises

@@ -9,7 +9,7 @@ from textwrap import wrap
 from typing import TYPE_CHECKING
 
 from ..filterfile.table import parsed
-from ..logfiles.suggestions import is_force, is_velocity
+from ..logfiles.suggesting import is_force, is_velocity
 from .document import FORMAT, VERSION, factor_of, preset_path, presets
 
 if TYPE_CHECKING:

@@ -4,13 +4,17 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from .._renamed import former
+from ..execution.limits import Limits
 from .response import SimulationResponse
 from .sensitivity import Sensitivity, sensitivity
+from .signals import SimulationBatch
 from .simulate import BackendChoice, simulate, simulate_batch
 
 __all__ = [
     "BackendChoice",
+    "Limits",
     "Sensitivity",
+    "SimulationBatch",
     "SimulationResponse",
     "sensitivity",
     "simulate",

@@ -15,7 +15,7 @@ from ..diagram.fixed_step import rates
 from .chains import BASE, LEVELS, Call, Chain
 from .dormand_prince import dormand_prince
 from .events import EndlessEventsError, EventWatch, RunEndedError
-from .limits import LOOKED_AT, Limits, chattering
+from .limits import LOOKED_AT, Budget, chattering
 from .pair import Pair, sizes
 from .rosenbrock import rosenbrock
 from .steps import KEPT, SYMBOLS, Layout, Results, at_node, compose, cut, kinds_of, renewed
@@ -83,7 +83,7 @@ class Integrator:
     ----------
     flat : FlatModel
     p : (n_p,) array
-    limits : Limits
+    limits : Budget
     control : {"adaptive", "stiff", "auto"}
         Dormand and Prince's explicit pair, the Rosenbrock pair, or the first until the diagram proves stiff.
     rtol, atol : float
@@ -98,7 +98,7 @@ class Integrator:
         self,
         flat: FlatModel,
         p: FloatArray,
-        limits: Limits,
+        limits: Budget,
         *,
         control: Control = "adaptive",
         rtol: float,

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, cast
 
 import control as ct
 import numpy as np
@@ -17,12 +17,23 @@ from .._sections import FloatArray
 from ..diagram import FlatModel
 from ..diagram.naming import override
 
-__all__ = ["Inputs", "Interpolation", "Parameters", "Run", "Start", "completed", "prepare"]
+__all__ = [
+    "Inputs",
+    "Interpolation",
+    "Parameters",
+    "Run",
+    "Start",
+    "Times",
+    "completed",
+    "given_times",
+    "prepare",
+]
 
 Interpolation = Literal["linear", "hold"]
 Inputs: TypeAlias = ArrayLike | Sequence[ArrayLike]
 Start: TypeAlias = ArrayLike | Sequence[ArrayLike] | Mapping[str, ArrayLike]
 Parameters: TypeAlias = Mapping[str, ArrayLike]
+Times: TypeAlias = ArrayLike | tuple[ArrayLike, ArrayLike]
 
 # Times of the inputs and of the response that differ by rounding only are one, relative to the largest.
 _SAME_TIME = 1e-12
@@ -59,7 +70,7 @@ def prepare(
     initial_state: Start | None,
     params: Parameters | None,
     interpolation: Interpolation,
-    t_eval: ArrayLike | None = None,
+    shown: ArrayLike | None = None,
 ) -> Run:
     """Check and complete the arguments of a run."""
     if interpolation not in ("linear", "hold"):
@@ -72,10 +83,27 @@ def prepare(
     run = Run(
         times, _inputs(flat, inputs, len(times)), start_vector(flat, initial_state), parameters, interpolation
     )
-    if t_eval is not None:
-        run = _shown(run, _signals.sample_times("t_eval", t_eval), discrete=flat.dt > 0.0)
-    _check_spacing(flat, "timepts" if t_eval is None else "t_eval", run.times)
+    if shown is not None:
+        run = _shown(run, _signals.sample_times("timepts", shown), discrete=flat.dt > 0.0)
+    _check_spacing(flat, run.times)
     return run
+
+
+def given_times(timepts: Times) -> tuple[ArrayLike, ArrayLike | None]:
+    """Times of the inputs, and those of the response where they are others.
+
+    Parameters
+    ----------
+    timepts : (N,) array, or a pair of arrays
+
+    Examples
+    --------
+    >>> given_times((0.0, 1.0)), given_times(([0.0, 1.0], [0.5]))
+    (((0.0, 1.0), None), ([0.0, 1.0], [0.5]))
+    """
+    if isinstance(timepts, tuple) and len(timepts) == 2 and np.ndim(timepts[0]) == np.ndim(timepts[1]) == 1:
+        return timepts[0], timepts[1]
+    return cast(ArrayLike, timepts), None
 
 
 def _shown(run: Run, at: FloatArray, discrete: bool) -> Run:
@@ -83,8 +111,8 @@ def _shown(run: Run, at: FloatArray, discrete: bool) -> Run:
     times = run.times
     if not times[0] <= at[0] <= at[-1] <= times[-1]:
         raise ValueError(
-            f"t_eval: expected times from {times[0]:g} to {times[-1]:g} s, those of timepts, got {at[0]:g} to "
-            f"{at[-1]:g} s"
+            f"timepts: expected times of the response from {times[0]:g} to {times[-1]:g} s, those of the inputs, got "
+            f"{at[0]:g} to {at[-1]:g} s"
         )
     after = np.clip(np.searchsorted(times, at), 1, max(len(times) - 1, 1)) % len(times)
     near = np.where(at - times[after - 1] < times[after] - at, times[after - 1], times[after])
@@ -98,17 +126,17 @@ def _shown(run: Run, at: FloatArray, discrete: bool) -> Run:
     return replace(run, times=every, inputs=np.ascontiguousarray(inputs), shown=np.searchsorted(every, at))
 
 
-def _check_spacing(flat: FlatModel, name: str, times: FloatArray) -> None:
+def _check_spacing(flat: FlatModel, times: FloatArray) -> None:
     spacing = np.diff(times)
     if flat.dt > 0.0 and not np.allclose(spacing, flat.dt, rtol=1e-6):
         raise ValueError(
-            f"{name}: expected the sampling interval {flat.dt:g} s of the discrete diagram between all times, "
+            f"timepts: expected the sampling interval {flat.dt:g} s of the discrete diagram between all times, "
             f"got {spacing.min():g} to {spacing.max():g} s"
         )
     shortest = min((task.period for task in flat.tasks), default=0.0)
     if spacing.size and spacing.min() < 1e-8 * shortest:
         raise ValueError(
-            f"{name}: two times are {spacing.min():g} s apart, which is nothing beside the period {shortest:g} s of "
+            f"timepts: two times are {spacing.min():g} s apart, which is nothing beside the period {shortest:g} s of "
             "a sampled block; leave one of them out"
         )
 
@@ -262,7 +290,7 @@ def start_vector(flat: FlatModel, initial_state: Start | None) -> FloatArray:
                     f"initial_state: {given.size} of {n_x} states are given, the others start at 0; a closing 0 says "
                     "that this is meant",
                     UserWarning,
-                    stacklevel=4,
+                    stacklevel=5,
                 )
             given = np.concatenate([given, np.zeros(n_x - given.size)])
         if given.size != n_x:

@@ -12,7 +12,7 @@ from ..codegen import CompiledModel, CompilerError, compile_model
 from ..diagram import FlatModel
 from ..diagram.discrete import as_sampled
 from .arguments import Run
-from .limits import Limits
+from .limits import Budget
 from .response import Outcome
 from .steps import KEPT, start_state
 from .vm import chattering_from
@@ -21,7 +21,7 @@ __all__ = ["compiles", "run_compiled"]
 
 # Statuses of a run that was not going to end.
 _GIVEN_UP = (3, 4, 101)
-_WAY_OUT = "max_steps and time_limit allow more; for a stiff diagram try method='stiff'"
+_WAY_OUT = "max_steps and time_limit in limits= allow more; for a stiff diagram try method='stiff'"
 
 
 def compiles(flat: FlatModel) -> bool:
@@ -46,7 +46,7 @@ def run_compiled(
     max_step: float | None,
     rtol: float,
     atol: float,
-    limits: Limits,
+    limits: Budget,
     progress: bool,
 ) -> Outcome:
     """A run in one call of C."""
@@ -72,8 +72,7 @@ def run_compiled(
             atol=atol,
             interpolation=run.interpolation,
             progress=show if progress else None,
-            max_steps=limits.steps,
-            time_limit=limits.seconds,
+            limits={"max_steps": limits.steps, "time_limit": limits.seconds},
         )
     # A sampled law has advanced its states when a row is filled; a discrete diagram records them before.
     states = (

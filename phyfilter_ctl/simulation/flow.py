@@ -25,7 +25,7 @@ from .._sections import FloatArray
 from ..diagram import FlatModel
 from ..diagram.structure import is_affine
 from .arguments import Run
-from .limits import Limits, diverged, progress_bar
+from .limits import Budget, diverged, progress_bar
 from .response import Outcome
 from .schedule import nodes
 from .steps import KEPT, SYMBOLS, Layout, Results, compose, cut, outputs_at, renewed
@@ -288,7 +288,7 @@ def runs_in_numpy(flat: FlatModel) -> bool:
     return is_flow(flat) and not flat.tasks and not flat.loops
 
 
-def run_flow(flat: FlatModel, run: Run, limits: Limits, progress: bool) -> Outcome:
+def run_flow(flat: FlatModel, run: Run, limits: Budget, progress: bool) -> Outcome:
     """Such a run, time by time."""
     times, n = run.times, len(flat.states)
     given = np.column_stack([np.ones(len(times)), times, run.inputs])
@@ -308,7 +308,7 @@ def run_flow(flat: FlatModel, run: Run, limits: Limits, progress: bool) -> Outco
                 x[start + granted + 1 :] = np.nan
                 message = (
                     f"{refusal} at t = {failed_at:.9g} s: fewer times need fewer, "
-                    "max_steps and time_limit allow more"
+                    "max_steps and time_limit in limits= allow more"
                 )
             used, which = np.unique(index[rows], return_inverse=True)
             matrices = transitions(flat, run.parameters, lengths[used])

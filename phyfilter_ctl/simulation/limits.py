@@ -13,7 +13,7 @@ from .._sections import FloatArray
 from ..diagram import FlatModel
 from .arguments import Run
 
-__all__ = ["LOOKED_AT", "Limits", "chattering", "diverged", "progress_bar", "steps_allowed"]
+__all__ = ["LOOKED_AT", "Budget", "chattering", "diverged", "progress_bar", "steps_allowed"]
 
 # Steps allowed where nobody says it: of error control, and of fixed length; and for each node of the run.
 _ADAPTIVE_STEPS, _FIXED_STEPS, _NODE_STEPS = 1_000_000, 100_000_000, 20
@@ -34,7 +34,7 @@ def steps_allowed(flat: FlatModel, run: Run, max_steps: int | None, adaptive: bo
 
 
 @dataclass(eq=False)
-class Limits:
+class Budget:
     """Steps and seconds that are left to a run.
 
     Parameters

@@ -6,13 +6,13 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Literal, NamedTuple, TypeAlias
 
-import control as ct
 import numpy as np
 
 from .._sections import FloatArray
 from ..blocks.functions import Variable
 from ..diagram import FlatModel
 from .arguments import Run
+from .signals import SignalsByName
 
 __all__ = [
     "Backend",
@@ -39,8 +39,12 @@ class Outcome(NamedTuple):
     events: tuple[tuple[float, str], ...] = ()
 
 
-class SimulationResponse(ct.TimeResponseData):
+class SimulationResponse(SignalsByName):
     """A ``control.TimeResponseData`` made by :func:`simulate`; its ``.plot()`` and shapes are python-control's.
+
+    ``outputs["r"]`` is the whole vector r[0], r[1], ..., (k, N), where no signal is called ``r`` alone, and
+    ``outputs["r[0]"]`` one entry, (N,); so of ``states`` and ``inputs``. An unknown name raises ``ValueError`` with the
+    names close to it.
 
     Parameters
     ----------

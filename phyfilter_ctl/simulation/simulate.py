@@ -15,17 +15,30 @@ from numpy.typing import ArrayLike
 from tqdm import tqdm
 
 from .. import _signals
+from .._renamed import takes_limits
 from ..diagram import FlatModel, flatten
 from ..diagram.fixed_step import rates
 from ..diagram.switches import located
 from ..execution import Executor
+from ..execution.limits import Limits, limits_of
 from . import compiled, vm
 from .algebraic import jumps, unsolved
-from .arguments import Inputs, Interpolation, Parameters, Run, Start, completed, prepare
+from .arguments import (
+    Inputs,
+    Interpolation,
+    Parameters,
+    Run,
+    Start,
+    Times,
+    completed,
+    given_times,
+    prepare,
+)
 from .cost import expected_cost
 from .flow import is_flow, run_flow, runs_in_numpy, suits
-from .limits import Limits, steps_allowed
+from .limits import Budget, steps_allowed
 from .response import Backend, SimulationResponse, response_of, shares_of, with_outputs_checked
+from .signals import SimulationBatch
 from .steplength import default_step
 
 __all__ = ["as_flat", "simulate", "simulate_batch"]
@@ -48,8 +61,7 @@ class Options:
     rtol: float
     atol: float
     squeeze: bool | None
-    max_steps: int | None
-    time_limit: float | None
+    limits: Limits
     explanation: str = ""
 
     def __post_init__(self) -> None:
@@ -66,22 +78,16 @@ class Options:
             raise ValueError(
                 f"max_step: expected a positive number of seconds or None, got {self.max_step!r}"
             )
-        steps = self.max_steps
-        if steps is not None and (isinstance(steps, bool) or not isinstance(steps, int) or steps < 1):
-            raise ValueError(f"max_steps: expected a whole number above 0 or None, got {steps!r}")
-        if self.time_limit is not None and not self.time_limit > 0.0:
-            raise ValueError(
-                f"time_limit: expected a positive number of seconds or None, got {self.time_limit!r}"
-            )
         if not (0.0 < self.rtol < 1.0 and 0.0 < self.atol < np.inf):
             raise ValueError(
                 f"rtol, atol: expected 0 < rtol < 1 and a positive atol, got {self.rtol!r} and {self.atol!r}"
             )
 
 
+@takes_limits
 def simulate(
     sys: ct.InputOutputSystem | FlatModel,
-    timepts: ArrayLike,
+    timepts: Times,
     inputs: Inputs | None = None,
     initial_state: Start | None = None,
     *,
@@ -92,11 +98,7 @@ def simulate(
     rtol: float = 1e-8,
     atol: float = 1e-10,
     interpolation: Interpolation = "linear",
-    max_steps: int | None = None,
-    time_limit: float | None = None,
-    t_eval: ArrayLike | None = None,
-    squeeze: bool | None = None,
-    progress: bool = False,
+    limits: Limits | Mapping[str, object] | None = None,
 ) -> SimulationResponse:
     """Response of a diagram to inputs: ``control.input_output_response``, compiled, and with sampled blocks.
 
@@ -105,8 +107,9 @@ def simulate(
     sys : control.InputOutputSystem or FlatModel
         Any python-control system, or what :func:`flatten` made of it (once, for many runs). Of a block without numbers
         of states, inputs or outputs these are taken from what is given.
-    timepts : (N,) array
-        Seconds, increasing; need not be evenly spaced. A discrete diagram wants its sampling interval between them; one
+    timepts : (N,) array, or a pair of arrays
+        Seconds, increasing; need not be evenly spaced. Of a pair, the first are the times of the inputs, (N,), the
+        second, within them, those of the response. A discrete diagram wants its sampling interval between them; one
         with ``dt=True`` takes it from them.
         Sampled blocks have their first instant at the first time.
     inputs : number, (n_u, N) array, (N,) array or list, optional
@@ -137,17 +140,9 @@ def simulate(
         Adaptive: error of a step relative to, and beside, the size of the states.
     interpolation : {"linear", "hold"}
         Inputs between the times: on straight lines as in python-control, or each held until the next.
-    max_steps : int, optional
-        Steps of integration that the run may try. None: of error control 1 million and 20 for each time and instant,
-        of fixed length 100 million.
-    time_limit : float, optional
-        Seconds of this machine's time that the run may take.
-    t_eval : (k,) array, optional
-        Times of the response, within ``timepts``, which are then those of the inputs only; None: the same.
-    squeeze : bool, optional
-        As for ``control.input_output_response``.
-    progress : bool
-        Show a progress bar.
+    limits : Limits or mapping, optional
+        What the run may take: {"max_steps": 10_000, "time_limit": 5.0}, steps and seconds of this machine's time, and
+        {"progress": True} for a progress bar; see :class:`Limits`.
 
     Returns
     -------
@@ -173,19 +168,23 @@ def simulate(
     >>> response.outputs.round(6).tolist()
     [0.0, 0.632121, 0.864665]
     """
-    if squeeze is None and isinstance(sys, ct.NonlinearIOSystem) and None in (sys.ninputs, sys.noutputs):
+    allowed = limits_of(limits, "simulate")
+    squeeze = None
+    if isinstance(sys, ct.NonlinearIOSystem) and None in (sys.ninputs, sys.noutputs):
         squeeze = False  # as python-control, for which that is not of one input and one output
+    times, shown = given_times(timepts)
     if not isinstance(sys, FlatModel):
-        sys = completed(sys, timepts if t_eval is None else t_eval, inputs, initial_state, params)
+        sys = completed(sys, times if shown is None else shown, inputs, initial_state, params)
     flat = as_flat(sys, params)
-    options = Options(method, backend, max_step, rtol, atol, squeeze, max_steps, time_limit)
-    run = prepare(flat, timepts, inputs, initial_state, params, interpolation, t_eval)
-    return _simulate(flat, run, _decided(flat, run, options, 1), progress)
+    options = Options(method, backend, max_step, rtol, atol, squeeze, allowed)
+    run = prepare(flat, times, inputs, initial_state, params, interpolation, shown)
+    return _simulate(flat, run, _decided(flat, run, options, 1))
 
 
+@takes_limits
 def simulate_batch(
     sys: ct.InputOutputSystem | FlatModel,
-    timepts: ArrayLike,
+    timepts: Times,
     inputs: Inputs | None = None,
     initial_state: Start | None = None,
     *,
@@ -196,13 +195,8 @@ def simulate_batch(
     rtol: float = 1e-8,
     atol: float = 1e-10,
     interpolation: Interpolation = "linear",
-    max_steps: int | None = None,
-    time_limit: float | None = None,
-    squeeze: bool | None = None,
-    workers: int | None = None,
-    executor: Executor | None = None,
-    progress: bool = False,
-) -> ct.TimeResponseList:
+    limits: Limits | Mapping[str, object] | None = None,
+) -> SimulationBatch:
     """Many runs of one diagram, over the cores.
 
     Parameters
@@ -215,21 +209,17 @@ def simulate_batch(
         As for :func:`simulate`, or (B, n_x).
     params : mapping, optional
         By name: numbers for all runs, or arrays whose first axis are the B runs.
-    method, backend, max_step, rtol, atol, interpolation, max_steps, time_limit, squeeze
-        As for :func:`simulate`; backend="auto" compiles where the whole batch pays for it;
-        limits are those of one run.
-    workers : int, optional
-        Threads; None means one per core.
-    executor : Executor, optional
-        What runs them instead, such as ``Executor(scheduler="tcp://...")``, a Dask cluster; the numbers are the same
-        where its machines are alike.
-    progress : bool
-        Show a progress bar.
+    method, backend, max_step, rtol, atol, interpolation
+        As for :func:`simulate`; backend="auto" compiles where that makes the whole batch faster.
+    limits : Limits or mapping, optional
+        As for :func:`simulate`, for each run; and {"workers": 4}, threads or an ``Executor``.
 
     Returns
     -------
-    control.TimeResponseList
-        B responses of type SimulationResponse, equal bit for bit to single runs with the same method and backend.
+    SimulationBatch
+        B responses of type SimulationResponse, equal bit for bit to single runs with the same method and backend, as a
+        ``control.TimeResponseList``; its own ``outputs``, ``states`` and ``inputs`` have all runs, (B, n, N), and by
+        name (B, k, N).
 
     Raises
     ------
@@ -244,29 +234,34 @@ def simulate_batch(
     >>> runs = simulate_batch(lag, [0.0, 1.0], 1.0, params={"rate": [1.0, 2.0]})
     >>> [float(run.outputs[-1].round(4)) for run in runs]
     [0.6321, 0.8647]
+    >>> runs.outputs["y[0]"].shape  # runs, times
+    (2, 2)
     """
+    allowed = limits_of(limits, "simulate_batch", batch=True)
     arguments = _batch(inputs, initial_state, params)
     flat = as_flat(sys, arguments[0][2])
-    options = Options(method, backend, max_step, rtol, atol, squeeze, max_steps, time_limit)
-    if executor is not None and workers is not None:
-        raise ValueError("workers and executor: expected one of them; the executor has workers of its own")
-    chosen = Executor(workers, kind="threads") if executor is None else executor
+    asked = allowed.workers
+    chosen = asked if isinstance(asked, Executor) else Executor(asked, kind="threads")
+    options = Options(
+        method, backend, max_step, rtol, atol, None, replace(allowed, workers=None, progress=False)
+    )
     if flat.callbacks and not chosen.shares_memory:
         raise ValueError(
-            f"executor: block {flat.callbacks[0].block} runs as Python ({flat.callbacks[0].reason}), which other "
-            "processes cannot be given; workers= runs a batch in threads of this one"
+            f"workers: block {flat.callbacks[0].block} runs as Python ({flat.callbacks[0].reason}), which other "
+            "processes cannot be given; a number runs the batch in threads of this one"
         )
-    runs = [prepare(flat, timepts, u, x0, p, interpolation) for u, x0, p in arguments]
+    times, shown = given_times(timepts)
+    runs = [prepare(flat, times, u, x0, p, interpolation, shown) for u, x0, p in arguments]
     decided = _decided(flat, runs[0], options, len(runs))
     try:
-        with tqdm(total=len(runs), disable=not progress, unit="run") as bar:
+        with tqdm(total=len(runs), disable=not allowed.progress, unit="run") as bar:
             answers: list[SimulationResponse] = []
             for some in _spread(chosen, partial(_simulate_all, flat=flat, options=decided), runs):
                 answers += some
                 bar.update(len(some))
-            return ct.TimeResponseList(answers)
+            return SimulationBatch(answers)
     finally:
-        if executor is None:
+        if chosen is not asked:  # the other is its owner's to close
             chosen.close()
 
 
@@ -284,7 +279,7 @@ def _spread(
 
 
 def _simulate_all(runs: Sequence[Run], flat: FlatModel, options: Options) -> list[SimulationResponse]:
-    return [_simulate(flat, run, options, False) for run in runs]
+    return [_simulate(flat, run, options) for run in runs]
 
 
 def as_flat(sys: ct.InputOutputSystem | FlatModel, params: Parameters | None = None) -> FlatModel:
@@ -357,19 +352,20 @@ def _stiff_steps(flat: FlatModel, run: Run) -> float:
     return _STIFF_STEPS + _STIFF_NODE_STEPS * nodes
 
 
-def _simulate(flat: FlatModel, run: Run, options: Options, progress: bool) -> SimulationResponse:
+def _simulate(flat: FlatModel, run: Run, options: Options) -> SimulationResponse:
     with ExitStack() as stack:
         for running in flat.exclusive:
             stack.enter_context(running())
-        return _run(flat, run, options, progress)
+        return _run(flat, run, options)
 
 
-def _run(flat: FlatModel, run: Run, options: Options, progress: bool) -> SimulationResponse:
+def _run(flat: FlatModel, run: Run, options: Options) -> SimulationResponse:
     method: MethodChoice = options.method
+    progress = options.limits.progress
     controlled = method in ("adaptive", "stiff", "auto")
     shares = shares_of(flat)
     longest = options.max_step
-    limits = Limits(steps_allowed(flat, run, options.max_steps, controlled), options.time_limit)
+    limits = Budget(steps_allowed(flat, run, options.limits.max_steps, controlled), options.limits.time_limit)
     if longest is None and method == "rk4" and flat.dt == 0.0:
         longest = default_step(flat, run)
     model = located(flat) if controlled and options.backend != "c" and flat.dt == 0.0 else flat
@@ -408,7 +404,7 @@ def _run(flat: FlatModel, run: Run, options: Options, progress: bool) -> Simulat
     outcome = with_outputs_checked(flat, run, outcome)
     notes = jumps(flat, run, outcome.x)
     for note in notes:
-        warnings.warn(note, RuntimeWarning, stacklevel=4)
+        warnings.warn(note, RuntimeWarning, stacklevel=5)
     if outcome.message:
         without = unsolved(flat, run, outcome.x, outcome.failed_at)
         outcome = outcome._replace(message=outcome.message + without)

@@ -15,7 +15,7 @@ from .adaptive import Control, Integrator, Leaps, StepError
 from .arguments import Run
 from .chains import Chain
 from .flow import SAME_LENGTH, advance_flow, step_lengths, tables
-from .limits import Limits, diverged, progress_bar
+from .limits import Budget, diverged, progress_bar
 from .response import Method, Outcome
 from .schedule import WINDOW, Nodes, Steps, nodes, steps_between
 from .steps import Layout, advance_rk4, at_node, discrete_step, full_step, outputs_at, split_step, start_state
@@ -33,7 +33,7 @@ __all__ = [
 _DIAGNOSIS = 3000
 _STIFF = (
     "The diagram is stiff or has a singularity there: try method='stiff', larger rtol and atol, or method='rk4' with a "
-    "max_step you choose; max_steps and time_limit allow more"
+    "max_step you choose; max_steps and time_limit in limits= allow more"
 )
 
 
@@ -97,7 +97,7 @@ def run_pieces(
     pieces: Iterator[Piece],
     *,
     state: FloatArray | None = None,
-    limits: Limits | None = None,
+    limits: Budget | None = None,
     progress: bool = False,
 ) -> tuple[Outcome, FloatArray]:
     """Run them one after another; stops where the state is no longer finite.
@@ -117,7 +117,7 @@ def run_pieces(
                 record = np.full((len(run.times), n_x + n_y), np.nan) if record is None else record
                 message = (
                     f"{refusal} at t = {failed_at:.9g} s: a longer max_step or method='adaptive' needs fewer, "
-                    "max_steps and time_limit allow more"
+                    "max_steps and time_limit in limits= allow more"
                 )
                 if not granted:
                     break
@@ -153,7 +153,7 @@ def run_adaptive(
     rtol: float,
     atol: float,
     max_step: float | None,
-    limits: Limits,
+    limits: Budget,
     progress: bool,
 ) -> tuple[Outcome, Method]:
     """Steps with error control from one discontinuity to the next, and the method they ended with."""
@@ -275,7 +275,7 @@ def chattering_from(flat: FlatModel, run: Run, t: float, x: FloatArray) -> str:
     ahead = run.inputs[row] if held else run.inputs[row + 1]
     here = run.inputs[row] + (t - begin) / (end - begin) * (ahead - run.inputs[row])
     held = start_state(flat, x)[len(x) :]
-    integrator = Integrator(flat, run.parameters, Limits(_DIAGNOSIS), rtol=1e-6, atol=1e-9)
+    integrator = Integrator(flat, run.parameters, Budget(_DIAGNOSIS), rtol=1e-6, atol=1e-9)
     try:
         integrator.run(x, held, (t, float(end)), (here, ahead), np.zeros(0))
     except StepError:

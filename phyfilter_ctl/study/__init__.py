@@ -12,7 +12,7 @@ table, JSON, picture         :func:`add_output_options`, :class:`Outputs`
 The systems in ``models/`` are studied with nothing else; :func:`phyfilter_ctl.fmi.hand_over` hands their parts over.
 """
 
-import lazy_loader
+from .._renamed import attached
 
 # The options of a study need none of what runs it: the help of a command is quick.
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attached(__name__, __file__)

@@ -33,27 +33,43 @@ def flight_times(duration: float, dt: float) -> FloatArray:
     return dt * np.arange(round(duration / dt) + 1, dtype=float)
 
 
-def unit_noise(seeds: Sequence[int], rows: int, samples: int) -> FloatArray:
+def unit_noise(seeds: int | Sequence[int], rows: int, samples: int) -> FloatArray:
     """White noise of unit variance for the inputs of a diagram; that of a seed is the same for all methods.
 
     Parameters
     ----------
-    seeds : sequence of int
+    seeds : int or sequence of int
         Of the flights, not negative.
     rows, samples : int
         Inputs, and instants.
 
     Returns
     -------
-    (B, rows, samples) array
+    (B, rows, samples) or, for one seed, (rows, samples) array
+
+    Raises
+    ------
+    ValueError
+        For a negative seed.
 
     Examples
     --------
+    Noise that ``simulate(diagram, t, noise, interpolation="hold")`` takes:
+
+    >>> t = flight_times(1.0, 0.002)
+    >>> noise = unit_noise(7, 3, len(t))
+    >>> noise.shape, bool((noise == unit_noise([7], 3, len(t))[0]).all())
+    ((3, 501), True)
+
     >>> one, both = unit_noise([3], 2, 5), unit_noise([2, 3], 2, 5)
     >>> bool((one[0] == both[1]).all())
     True
     """
-    return np.array([np.random.default_rng([seed, 1]).standard_normal((rows, samples)) for seed in seeds])
+    given = [seeds] if isinstance(seeds, int | np.integer) else list(seeds)
+    if any(seed < 0 for seed in given):
+        raise ValueError(f"seeds: expected whole numbers from 0 on, got {given}")
+    noise = [np.random.default_rng([seed, 1]).standard_normal((rows, samples)) for seed in given]
+    return noise[0] if isinstance(seeds, int | np.integer) else np.array(noise)
 
 
 def flight_signals(

@@ -2,48 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _signals
 from .._sections import FloatArray
+from ..results import Interval
 
-__all__ = ["Interval", "median_interval", "reduction"]
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A median with a distribution-free interval.
-
-    Attributes
-    ----------
-    median, low, high : float
-        low and high are order statistics that enclose the median of all that could be drawn with at least 95 %.
-    """
-
-    median: float
-    low: float
-    high: float
-
-    def text(self, scale: float = 1.0, digits: int = 2) -> str:
-        """For tables.
-
-        Parameters
-        ----------
-        scale : float
-            From the unit of the values to that of the table.
-        digits : int
-            Behind the point.
-
-        Examples
-        --------
-        >>> Interval(0.05, 0.041, 0.0622).text(100.0, 1)
-        '5.0 [4.1, 6.2]'
-        """
-        median, low, high = (f"{scale * value:.{digits}f}" for value in (self.median, self.low, self.high))
-        return f"{median} [{low}, {high}]"
+__all__ = ["median_interval", "reduction"]
 
 
 def median_interval(values: ArrayLike) -> Interval:
@@ -54,6 +20,12 @@ def median_interval(values: ArrayLike) -> Interval:
     values : (B,) array
         At least one. Below 6 values the interval is that of least and greatest, and encloses less than 95 %.
 
+    Returns
+    -------
+    Interval
+        Distribution-free: its ends are order statistics that enclose the median of all that could be drawn with at
+        least 95 %.
+
     Raises
     ------
     ValueError
@@ -62,7 +34,7 @@ def median_interval(values: ArrayLike) -> Interval:
     Examples
     --------
     >>> interval = median_interval(np.arange(20.0))
-    >>> interval.median, interval.low, interval.high
+    >>> interval.value, interval.low, interval.high
     (9.5, 5.0, 14.0)
     """
     from scipy.stats import binom  # takes half a second
@@ -98,7 +70,7 @@ def reduction(ours: ArrayLike, theirs: ArrayLike) -> Interval:
 
     Examples
     --------
-    >>> reduction([1.0, 2.0, 1.5], [2.0, 4.0, 3.0]).median
+    >>> reduction([1.0, 2.0, 1.5], [2.0, 4.0, 3.0]).value
     50.0
     """
     a, b = _row("ours", ours), _row("theirs", theirs)

@@ -9,6 +9,7 @@ import control as ct
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .. import _signals
 from .._signals import number
 
 __all__ = ["Bounded", "Bounds", "Gaussian", "Implementation", "Shape", "bounded", "gauss_markov", "shaping"]
@@ -277,11 +278,8 @@ def gauss_markov(deviation: float, time_constant: float) -> ct.StateSpace:
     >>> round(float(error), 6)
     0.090909
     """
-    if not (deviation > 0.0 and time_constant > 0.0):
-        raise ValueError(
-            f"expected a positive deviation and time constant, got {deviation} and {time_constant}"
-        )
-    rate = 1.0 / time_constant
+    deviation = _signals.number("deviation", deviation, above=0.0)
+    rate = 1.0 / _signals.number("time_constant", time_constant, "s", above=0.0)
     return ct.StateSpace([[-rate]], [[deviation * np.sqrt(2.0 * rate)]], [[1.0]], [[0.0]])
 
 

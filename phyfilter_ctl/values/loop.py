@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Literal, get_args
 
 import control as ct
@@ -65,10 +66,11 @@ class Loop:
             object.__setattr__(self, name, _signals.number(name, getattr(self, name), unit, least=0.0))
         if not _signals.number("inertia_ratio", self.inertia_ratio, least=0.0):
             raise ValueError("inertia_ratio: expected a positive ratio M_hat / M, got 0")
-        if self.g not in get_args(Told):
+        if not isinstance(self.g, str) or self.g not in get_args(Told):
             raise ValueError(f"g: expected {' or '.join(map(repr, get_args(Told)))}, got {self.g!r}")
-        if self.command_limit is not None and not self.command_limit > 0.0:
-            raise ValueError(f"command_limit: expected a positive force, got {self.command_limit}")
+        limit = self.command_limit
+        if limit is not None and not (isinstance(limit, Real) and limit > 0.0):
+            raise ValueError(f"command_limit: expected a positive force, got {limit!r}")
         checked_actuator(self.system)
 
     @property

@@ -5,6 +5,6 @@ a MuJoCo model as the prior; ``ros2`` has a node, for where ROS 2 is. ``phyfilte
 ``gymnasium``, imported by its name) wraps environments, one or many.
 """
 
-import lazy_loader
+from .._renamed import attached
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attached(__name__, __file__)

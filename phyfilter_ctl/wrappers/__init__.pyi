@@ -1,11 +1,10 @@
 from .feedforward import FeedForward, LoopModel
 from .ros2 import ForceEstimator, Stamped, force_node
-from .simulators import JointState, control_callback, mujoco_model
+from .simulators import control_callback, mujoco_model
 
 __all__ = [
     "FeedForward",
     "ForceEstimator",
-    "JointState",
     "LoopModel",
     "Stamped",
     "control_callback",

@@ -45,8 +45,6 @@ def sampled(option: str | None = None) -> SampledPhyFilter:
     """The filter, with one option changed."""
     if option is None:
         return FILTER.sampled(H)
-    if option == "E":
-        return FILTER.sampled(H, E=np.array(CHANGES["E"]))
     return FILTER.sampled(replace(Sampling(H), **{option: CHANGES[option]}))
 
 
@@ -100,7 +98,7 @@ def cell(analysis: str, option: str) -> str:
 
 def options() -> list[str]:
     """Every option, a new one too."""
-    return [*(entry.name for entry in fields(Sampling)), "E"]
+    return [entry.name for entry in fields(Sampling)]
 
 
 def table() -> dict[str, dict[str, str]]:

@@ -32,7 +32,7 @@ def test_real_poles_in_closed_form(order):
     f = pf.place_poles([-4.0 * 1.7**i for i in range(order)])
     assert error_bound(f, {1: 2.0}).bound == pytest.approx(2.0 * f.a[1] / f.a[0] if order > 1 else 0.5)
     result = error_bound(f, Bounded({0: 0.0}, inertia_error=0.3, rate=2.0))
-    assert result.prior == pytest.approx(0.6, rel=CERTIFIED)
+    assert result.inertia == pytest.approx(0.6, rel=CERTIFIED)
     assert error_bound(f, {0: 1.0}).bound == pytest.approx(2.0, rel=CERTIFIED)
 
 
@@ -40,7 +40,7 @@ def test_the_bound_is_the_sum_of_its_parts():
     """One pole at -4: slope 2 costs 2/4, a prior off by 0.3 at rate 2 costs 0.6, noise 0.1 on x costs 2 a_0 0.1."""
     f = pf.place_poles([-4.0])
     result = error_bound(f, Bounded({1: 2.0}, noise=0.1, inertia_error=0.3, rate=2.0))
-    parts = (result.intrinsic, result.prior, result.noise)
+    parts = (result.intrinsic, result.inertia, result.noise)
     assert parts == pytest.approx((0.5, 0.6, 0.8), rel=CERTIFIED)
     assert result.bound == pytest.approx(1.9, rel=CERTIFIED)
 
@@ -56,7 +56,7 @@ def test_an_oscillating_pair_in_closed_form(damping):
     f = pf.PhyFilter([900.0, 60.0 * damping])
     result = error_bound(f, Bounded({0: 0.0}, inertia_error=1.0, rate=1.0))
     exact = 1.0 / np.tanh(np.pi * damping / (2.0 * np.sqrt(1.0 - damping**2)))
-    assert exact <= result.prior * (1.0 + 1e-13) <= exact * (1.0 + CERTIFIED)
+    assert exact <= result.inertia * (1.0 + 1e-13) <= exact * (1.0 + CERTIFIED)
 
 
 @pytest.mark.parametrize("name", FAMILIES)
@@ -97,7 +97,7 @@ def test_a_bang_bang_residual_reaches_the_bound(name, order):
 
 
 def test_a_bang_bang_residual_reaches_the_bound_of_a_second_derivative():
-    f = pf.place_poles([-2.0, -3.0, -4 + 5j, -4 - 5j], numerator=3)
+    f = pf.place_poles([-2.0, -3.0, -4 + 5j, -4 - 5j], type=3)
     for k in (1, 2, 3):
         result = error_bound(f, {k: 1.0})
         t = np.linspace(0.0, result.certificate.horizon, 20001)
@@ -209,7 +209,7 @@ def test_what_a_sampled_filter_leaves_of_a_ramp(poles, h):
     A staircase of step means is the ramp plus a sawtooth, whose answer at the samples that is; half a step early with
     Euler's method, nothing with the trapezoidal rule.
     """
-    f = pf.place_poles(poles, numerator=len(poles))
+    f = pf.place_poles(poles, type=len(poles))
     p, n = f.poles, f.order
     numerator, slope = np.polyval(f.b[::-1], p), np.polyval(np.polyder(np.append(f.a, 1.0)[::-1]), p)
     exact = np.sum(numerator / slope * (0.5 * p * h / np.tanh(0.5 * p * h) - 1.0) / p**2).real
@@ -224,7 +224,7 @@ def test_what_a_sampled_filter_leaves_of_a_ramp(poles, h):
 
 
 def test_the_ramp_that_a_sampled_filter_does_not_follow_is_named():
-    f = pf.place_poles([-5.0, -5.0], numerator=2)
+    f = pf.place_poles([-5.0, -5.0], type=2)
     for options, left in (
         ({"method": "exact"}, r"infinite: .* leaves b_1 h\^2/12 times the slope .*; use method='matched'"),
         ({"method": "euler"}, "infinite: .* leaves -h/2 times the slope"),
@@ -232,7 +232,7 @@ def test_the_ramp_that_a_sampled_filter_does_not_follow_is_named():
     ):
         with pytest.raises(ValueError, match=left):
             error_bound(f.sampled(0.01, **options), {2: 1.0})
-    third = pf.place_poles([-5.0] * 3, numerator=3).sampled(0.01, "tustin")
+    third = pf.place_poles([-5.0] * 3, type=3).sampled(0.01, "tustin")
     with pytest.raises(ValueError, match=r"leaves an error of residuals t\^2; use 'matched'"):
         error_bound(third, {3: 1.0})
     with pytest.raises(ValueError, match=r"type 1, .* up to order 1$"):
@@ -246,7 +246,7 @@ def test_higher_derivatives_bound_a_matched_filter(chosen, kind, share, seed):
     """gamma^(k) jumps between +-1 every few steps, gamma and x are its exact integrals; the worst course reaches it."""
     f = pf.place_poles(chosen)
     kind = min(kind, f.order)
-    f = pf.place_poles(chosen, numerator=kind)
+    f = pf.place_poles(chosen, type=kind)
     h = share / np.abs(f.poles).max()
     sampled, n = f.sampled(h, "matched"), 300
     result = error_bound(sampled, {kind: 1.0})
@@ -295,7 +295,7 @@ def test_noise_of_a_sampled_filter_is_attained():
 @pytest.mark.slow
 @pytest.mark.parametrize("k", [1, 2])
 def test_the_envelope_holds_from_the_start(k):
-    f = pf.place_poles([-3.0, -2 + 4j, -2 - 4j], numerator=k)
+    f = pf.place_poles([-3.0, -2 + 4j, -2 - 4j], type=k)
     result = error_bound(f, {k: 1.0})
     start = dict.fromkeys(range(k), 0.7)
     rng = np.random.default_rng(3)
@@ -322,7 +322,7 @@ def test_how_far_ellipsoids_are_from_exact(name, order):
     exact = error_bound(f, {1: 1.0}).bound
     assert exact <= error_bound(f, {1: 1.0}, method="ellipsoid").bound * (1 + CERTIFIED) <= 1.1 * exact
     # N = D - s^n: (1 - F)/s^n = 1/D.
-    most = pf.place_poles(f.poles, numerator=order)
+    most = pf.place_poles(f.poles, type=order)
     exact = error_bound(most, {order: 1.0}).bound
     assert (
         exact <= error_bound(most, {order: 1.0}, method="ellipsoid").bound * (1 + CERTIFIED) <= 1.55 * exact
@@ -332,7 +332,7 @@ def test_how_far_ellipsoids_are_from_exact(name, order):
 def test_the_textbook_radius_depends_on_coordinates():
     """Published in no paper, computed with 80 digits: factors over the exact gain of 1/D, binomial."""
     for order, speed, raw, scaled in ((2, 10.0, 5e3, 8.0), (5, 50.0, 1e25, 1.5e3)):
-        f = pf.place_poles([-speed] * order, numerator=order)
+        f = pf.place_poles([-speed] * order, type=order)
         exact = error_bound(f, {order: 1.0}).bound
         ratio = error_bound(f, {order: 1.0}, method="lyapunov-raw").bound / exact
         assert raw / 3 < ratio < raw * 3

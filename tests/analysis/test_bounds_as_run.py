@@ -131,7 +131,7 @@ def test_float32_stays_within_its_rounding(sizes):
     X, V, G = sizes
     rng = np.random.default_rng(4)
     for poles in ([-20.0], [-3.0, -8 + 30j, -8 - 30j], [-0.5, -1.0]):
-        f = pf.place_poles(poles, numerator=len(poles))
+        f = pf.place_poles(poles, type=len(poles))
         sampled, h = f.sampled(0.002, precision="float32", g="average"), 0.002
         n, lanes = 300, 40
         x = X - V * h * n / 2 + np.cumsum(V * h * rng.choice([-1.0, 1.0], (n, lanes)), axis=0)

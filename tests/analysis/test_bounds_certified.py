@@ -65,7 +65,7 @@ def some_filter(rng):
         else:
             poles.append(complex(-size))
     kind = int(rng.integers(1, order + 1))
-    return pf.place_poles(poles, numerator=kind), int(rng.integers(1, kind + 1))
+    return pf.place_poles(poles, type=kind), int(rng.integers(1, kind + 1))
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def some_filter(rng):
     ],
 )
 def test_the_exact_gain_is_enclosed(poles, k):
-    encloses(pf.place_poles(poles, numerator=max(k, 1)), k)
+    encloses(pf.place_poles(poles, type=max(k, 1)), k)
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from phyfilter_ctl import error_bound
 
 # To what below and above meet; most do to 1e-4.
 GAP = 2e-3
-TYPE_3 = pf.place_poles([-20.0, -15 + 10j, -15 - 10j], numerator=3)
+TYPE_3 = pf.place_poles([-20.0, -15 + 10j, -15 - 10j], type=3)
 
 
 @pytest.mark.parametrize("slope", [5.0, 40.0, 400.0])

@@ -28,6 +28,7 @@ MADE = {
     ),
     "disk": (lambda: margins(ct.tf(1, [1, 1, 0])).disk, "alpha"),
 }
+UNIT_OF = {"bound": "N", "variance": "N^2", "loop": "s", "bandwidth": "rad/s", "tube": "m", "deviation": "m"}
 
 
 @pytest.mark.parametrize("name", MADE)
@@ -36,6 +37,8 @@ def test_the_answer_is_in_the_repr_and_in_one_line(name):
     result = make()
     value = getattr(result, figure)
     shown = f"{figure}={str(value)!r}" if isinstance(value, str) else f"{figure}={value:.6g}"
+    assert result.figures()[figure] == (value, UNIT_OF.get(name, ""))
+    shown += f" {UNIT_OF[name]}" if name in UNIT_OF else ""
     assert f"    {shown},\n" in repr(result)
     assert pf.results.plain(value) == result.to_dict()[figure]
     inside = pf.results.summary(result)

@@ -256,7 +256,7 @@ def test_figures_of_nothing() -> None:
 
 
 def test_low_frequencies_without_cancellation() -> None:
-    response = frequency_response(place_poles([-20.0] * 3, numerator=3), [1e-3])
+    response = frequency_response(place_poles([-20.0] * 3, type=3), [1e-3])
     np.testing.assert_allclose(response.error, (1e-3j / (20.0 + 1e-3j)) ** 3, rtol=CLOSE)
 
 
@@ -267,7 +267,7 @@ SAMPLED = [
     PhyFilter([20.0]).sampled(H),
     lowpass(3, 15.0).sampled(H, g="average", f_theta="hold"),
     lowpass(2, 15.0).sampled(H, method="euler"),
-    lowpass(2, 15.0, numerator=2).sampled(H, method="tustin"),
+    lowpass(2, 15.0, type=2).sampled(H, method="tustin"),
     lowpass(2, 15.0).sampled(H, delay=3 * H),
     lowpass(2, 15.0).sampled(H, g="average", delay=2.4 * H),
     lowpass(2, 15.0).sampled(H, f_theta="hold", delay=0.7 * H),
@@ -349,7 +349,7 @@ def test_lag_grows_with_the_delay() -> None:
 
 def test_bandwidth_beyond_nyquist_is_infinite() -> None:
     # At the Nyquist frequency the step average alone leaves 2/pi of gamma, so F must exceed 1 there.
-    response = frequency_response(lowpass(2, 500.0, numerator=2).sampled(H))
+    response = frequency_response(lowpass(2, 500.0, type=2).sampled(H))
     assert np.abs(response.F[-1]) > np.sqrt(0.5)
     assert response.bandwidth == np.inf
 

@@ -20,7 +20,7 @@ SECOND = ct.tf([900.0], [1.0, 36.0, 900.0])
 FILTERS = {
     "first": PhyFilter([12.0]),
     "butterworth": pf.lowpass(2, 15.0, family="butterworth"),
-    "type 2": pf.place_poles([-8.0] * 3, numerator=2),
+    "type 2": pf.place_poles([-8.0] * 3, type=2),
 }
 GAINS = {"inner": (0.0, 0.0), "velocity": (0.0, 5.0), "pd": (10.0, 4.0)}
 

@@ -148,7 +148,7 @@ def test_a_residual_that_moves_inside_a_step_attains_the_bound_between_samples(p
 
 
 def test_gamma_and_its_second_derivative_bound_the_error_between_samples():
-    F = pf.place_poles([-20.0, -20.0], numerator=2)
+    F = pf.place_poles([-20.0, -20.0], type=2)
     found = pf.error_bound(F.sampled(0.01, "matched"), {0: 1.0, 2: 3.0})
     assert found.bound < found.between_samples == pytest.approx(0.0423, abs=5e-5)
     # A past within both bounds ends in gamma' of 2 sqrt(delta_0 delta_2) at most (Landau); the gap of the programme.

@@ -19,7 +19,7 @@ from tests.peers.saturation import (
 )
 
 FIRST = PhyFilter([20.0])
-FILTERS = [FIRST, lowpass(2, 20.0, family="butterworth"), place_poles([-20.0] * 2, numerator=2)]
+FILTERS = [FIRST, lowpass(2, 20.0, family="butterworth"), place_poles([-20.0] * 2, type=2)]
 # Dips of Re S are refined to 1e-7 of their frequency, about which they are flat.
 FLAT = 1e-9
 

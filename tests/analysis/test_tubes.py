@@ -28,7 +28,7 @@ FIRST = PhyFilter([8.0])
 CASES = [
     Case(FIRST, 10.0, 6.0, 1.0, 0.0, 0.01, 0, "commanded"),
     Case(lowpass(2, 9.0, family="butterworth"), 6.0, 4.0, 0.8, 0.05, 0.02, 2, "commanded"),
-    Case(place_poles([-7.0] * 2, numerator=2), 9.0, 5.0, 1.3, 0.03, 0.005, 1, "commanded"),
+    Case(place_poles([-7.0] * 2, type=2), 9.0, 5.0, 1.3, 0.03, 0.005, 1, "commanded"),
 ]
 
 

@@ -12,7 +12,7 @@ SHAPE = gauss_markov(1.3, 0.2)
 FILTERS = [
     pf.PhyFilter([20.0]),
     pf.lowpass(3, 20.0, family="butterworth"),
-    pf.place_poles([-9.0, -9.0], numerator=2),
+    pf.place_poles([-9.0, -9.0], type=2),
 ]
 
 
@@ -101,5 +101,5 @@ def test_bad_input(filter, arguments, message):
 
 
 def test_bad_process():
-    with pytest.raises(ValueError, match="positive"):
+    with pytest.raises(ValueError, match="time_constant: expected a finite number > 0 s, got 0"):
         gauss_markov(1.0, 0.0)

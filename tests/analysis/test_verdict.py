@@ -69,7 +69,7 @@ def test_the_bound_is_never_rounded_below():
 
 @pytest.mark.parametrize(("kind", "omega"), [("error", 12.0), ("estimate", 60.0)])
 def test_the_excess_over_a_limit_is_that_of_the_worst_frequency(kind, omega):
-    filter = place_poles([-3.0 + 40.0j, -3.0 - 40.0j, -20.0], numerator=1)
+    filter = place_poles([-3.0 + 40.0j, -3.0 - 40.0j, -20.0], type=1)
     grid = np.linspace(0.0, omega, 40_001) if kind == "error" else np.geomspace(omega, 1e5, 40_001)
     s = 1j * grid
     D, N = np.polyval(np.append(filter.a, 1.0)[::-1], s), np.polyval(filter.b[::-1], s)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from phyfilter_ctl.app import Session, handle
+from phyfilter_ctl.app.handling import Session, handle
 
 
 def message_of(

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from phyfilter_ctl.app import Session
+from phyfilter_ctl.app.handling import Session
 from tests.cpu_budget import release_but
 
 pytest.importorskip("starlette", reason="starlette is not installed: the page's server is not fuzzed")
@@ -36,7 +36,6 @@ OPS = [
     "locus",
     "responses",
     "family",
-    "log",
     "upload",
     "preview",
     "import",
@@ -109,7 +108,6 @@ class Fuzzer:
     def fields(self, op: str) -> dict[str, object]:
         values: dict[str, dict[str, object]] = {
             "family": {"family": "butterworth", "order": 3, "cutoff": 20.0, "damping": 0.7, "band": [1, 10]},
-            "log": {"name": "flight.csv", "text": LOG[: int(self.rng.integers(len(LOG)))]},
             "upload": self.piece(),
             "preview": {"time": "t", "time_unit": self.pick(["s", "ms", "us", "ns"])},
             "import": {

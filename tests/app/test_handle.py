@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+
 import control as ct
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from scipy import signal
 
 import phyfilter_ctl as pf
 from phyfilter_ctl import PhyFilter, Recording
-from phyfilter_ctl.app import Session
+from phyfilter_ctl.app.handling import Session
 from phyfilter_ctl.app.steps import settling_time
 
 # The same functions on the same filter, another frequency grid: rounding.
@@ -46,7 +48,7 @@ def built(message: dict) -> PhyFilter:
     if numerator["kind"] == "lowpass":
         return pf.PhyFilter.from_poles(poles)
     if numerator["kind"] == "type":
-        return pf.place_poles(poles, numerator=numerator["type"])
+        return pf.place_poles(poles, type=numerator["type"])
     if numerator["kind"] == "b":
         return pf.PhyFilter.from_poles(poles, numerator["b"])
     zeros = [complex(*z) for z in numerator["zeros"]]
@@ -292,7 +294,7 @@ def test_hello():
 @pytest.mark.parametrize("kind", [1, 2])
 def test_family(family, kind):
     reply = answered(Session(), "family", family=family, order=3, cutoff=20.0, type=kind)
-    expected = pf.lowpass(3, 20.0, family=family, numerator="lowpass" if kind == 1 else kind)
+    expected = pf.lowpass(3, 20.0, family=family, type=kind)
     assert [complex(*p) for p in reply["design"]["poles"]] == expected.poles.tolist()
     found = answered(Session(), "design", design=reply["design"])
     np.testing.assert_array_equal(found["filter"]["b"], expected.b)
@@ -375,24 +377,22 @@ def flight(n: int = 400, *, dt: float = 0.002, inertia: float | None = None) -> 
     )
 
 
-def test_log_is_read_and_forgotten(tmp_path):
-    session = Session()
-    reply = answered(session, "log", name="../hover flight.csv", text=csv_of(flight(), tmp_path))["log"]
-    assert (reply["name"], reply["samples"], reply["channels"]) == ("hover flight", 400, ["px", "py"])
+def test_a_recording_is_shown_and_forgotten():
+    session = Session(log=flight())
+    reply = answered(session, "hello")["log"]
+    assert (reply["samples"], reply["channels"]) == (400, ["px", "py"])
     assert reply["dt"] == pytest.approx(0.002)
     assert reply["has_label"]
     assert reply["has_f_theta"]
-    assert answered(session, "hello")["log"] == reply
     assert answered(session, "forget")["log"] is None
     assert "no log" in refused(session, "estimate", design=DESIGNS["one pole"])["error"]
 
 
 @pytest.mark.parametrize("inertia", [None, 1.5])
 @pytest.mark.parametrize("channel", [0, 1])
-def test_estimate_is_that_of_the_library(tmp_path, inertia, channel):
-    session = Session()
+def test_estimate_is_that_of_the_library(inertia, channel):
     log = flight(inertia=inertia)
-    answered(session, "log", name="a.csv", text=csv_of(log, tmp_path))
+    session = Session(log=log)
     reply = answered(session, "estimate", design=DESIGNS["type 2"], channel=channel)
     f_hat = built(DESIGNS["type 2"]).sampled(0.002).run(log.x, log.g, log.f_theta, log.inertia)[:, channel]
     np.testing.assert_allclose(reply["f_hat"], f_hat, atol=FOUND * np.abs(f_hat).max())
@@ -408,10 +408,9 @@ def test_estimate_is_that_of_the_library(tmp_path, inertia, channel):
     assert reply["messages"] == []
 
 
-def test_estimate_runs_at_the_step_of_the_log_and_says_so(tmp_path):
-    session = Session()
+def test_estimate_runs_at_the_step_of_the_log_and_says_so():
     log = flight(dt=0.01)
-    answered(session, "log", name="a.csv", text=csv_of(log, tmp_path))
+    session = Session(log=log)
     reply = answered(session, "estimate", design=DESIGNS["one pole"])
     f_hat = PhyFilter([20.0]).sampled(0.01).run(log.x, log.g, log.f_theta)[:, 0]
     np.testing.assert_allclose(reply["f_hat"], f_hat, atol=FOUND)
@@ -459,62 +458,19 @@ def test_a_window_of_a_long_estimate_is_drawn_in_full():
         assert reply["where"].startswith("window")
 
 
-@pytest.mark.parametrize(
-    ("header", "channels", "label"),
-    [
-        ("t,vx,vy,vz,ax,ay,az", ["vx", "vy", "vz"], True),
-        ("time;v;label_v", ["v"], True),
-        ("t\tp\tq", ["p", "q"], False),
-        ("t,vx,ax,battery", ["vx"], True),
-        ("\ufeff# a comment\nTime,v,g_v,f_theta_v,inertia_0", ["v"], False),
-    ],
-)
-def test_columns_are_found(header, channels, label):
-    delimiter = next(c for c in ",;\t" if c in header)
-    width = header.split("\n")[-1].count(delimiter)
-    rows = [delimiter.join([str(0.1 * k), *["1.5"] * width]) for k in range(5)]
-    reply = answered(Session(), "log", name="x.csv", text="\n".join([header, *rows]) + "\n")["log"]
-    assert reply["channels"] == channels
-    assert reply["has_label"] is label
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("", "header"),
-        ("1,2\n3,4\n", "times"),
-        ("a,b\n1,2\n", "times"),
-        ("t\n0\n1\n", "no column of x"),
-        ("t,v\n0,1\n1,nan\n", "line 3"),
-        ("t,v\n0,1\n1,two\n", "line 3"),
-        ("t,v\n0,1\n0,2\n", "stands still"),
-        ("t,v\n0,1\n", "2 rows"),
-        ("t,v,v\n0,1,1\n1,1,1\n", "more than once"),
-        ("t," + ",".join(f"c{i}" for i in range(40)) + "\n", "at most 12"),
-        ("t,v\n" + "x" * 50, "fields"),
-    ],
-)
-def test_broken_logs_are_refused_without_naming_a_folder(text, said):
-    session = Session()
-    reply = refused(session, "log", name="a.csv", text=text)
-    assert said in reply["error"]
-    assert "/" not in reply["error"]
-    assert reply["where"] == "text"
-    assert session.log is None
-
-
-def test_a_refused_log_leaves_the_old_one(tmp_path):
-    session = Session()
-    answered(session, "log", name="a.csv", text=csv_of(flight(), tmp_path))
-    refused(session, "log", name="b.csv", text="nothing")
+def test_a_refused_recording_leaves_the_old_one():
+    session = Session(log=flight())
+    text = base64.b64encode(b"t,v\n0,1\n0.1,two\n").decode()
+    answered(session, "upload", name="b.csv", size=16, at=0, data=text)
+    assert "line 3" in refused(session, "import", time="t", time_unit="s", x=["v"])["error"]
     assert session.log is not None
-    assert session.log.name == "a"
+    assert session.log.channels == ("px", "py")
 
 
-def test_sessions_share_nothing(tmp_path):
+def test_sessions_share_nothing():
     one, other = Session(), Session()
     answered(one, "design", design=message_of([-3.0]))
-    answered(one, "log", name="a.csv", text=csv_of(flight(), tmp_path))
+    answered(one, "example")
     assert other.filter.order == 2
     assert other.log is None
     assert one.filter.order == 1

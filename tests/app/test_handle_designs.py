@@ -11,9 +11,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from phyfilter_ctl import PhyFilter, place_poles
-from phyfilter_ctl.app import Session, handle
 from phyfilter_ctl.app.checking import Fields, MessageError, shown
 from phyfilter_ctl.app.designs import Design, read_design
+from phyfilter_ctl.app.handling import Session, handle
 
 # Products of up to eight poles, each rounded.
 SAME_POLYNOMIAL = 1e-12
@@ -114,7 +114,7 @@ def test_designs_survive_their_own_json(message):
 def test_type_is_that_of_place_poles(k):
     poles = [-20.0, -15 + 8j, -15 - 8j]
     reply = answered(Session(), "design", design=message_of(poles, numerator={"kind": "type", "type": k}))
-    expected = place_poles(poles, numerator=k)
+    expected = place_poles(poles, type=k)
     assert reply["filter"]["b"] == expected.b.tolist()
     assert reply["filter"]["type"] == k
 
@@ -239,7 +239,7 @@ def test_deep_nesting_is_refused():
         {"id": 1, "op": "design", "design": deep},
         {"id": 1, "op": "design", "design": changed("limits", {"F": deep})},
         {"id": 1, "op": "design", "design": changed("poles.0", deep)},
-        {"id": 1, "op": "log", "name": "a", "text": deep},
+        {"id": 1, "op": "upload", "name": "a", "size": 1, "at": 0, "data": deep},
     ):
         assert handle(Session(), message)["ok"] is False
 

@@ -15,9 +15,10 @@ import pytest
 from designer_messages import answered, message_of, refused
 
 from phyfilter_ctl import PhyFilter, export_target, filterfile, lowpass
-from phyfilter_ctl.app import Session, exports
+from phyfilter_ctl.app import exports
 from phyfilter_ctl.app.checking import Fields
 from phyfilter_ctl.app.designs import read_design
+from phyfilter_ctl.app.handling import Session
 from phyfilter_ctl.codegen import CompilerError, export_c, find_compiler
 from phyfilter_ctl.fmi import check, describe
 
@@ -271,7 +272,7 @@ def executed(design: dict[str, object]) -> tuple[str, PhyFilter]:
 
 def test_python_text_is_pasteable():
     text, filter = executed(TYPE_2)
-    assert "numerator=2" in text
+    assert "type=2" in text
     assert filter == read_design(Fields({"design": TYPE_2})).filter
 
 
@@ -279,9 +280,9 @@ def test_python_text_is_pasteable():
     ("fields", "line"),
     [
         ({"family": "butterworth", "order": 2}, "lowpass(2, 20.0, family='butterworth')"),
-        ({"family": "bessel", "order": 5, "type": 3}, "lowpass(5, 20.0, family='bessel', numerator=3)"),
+        ({"family": "bessel", "order": 5, "type": 3}, "lowpass(5, 20.0, family='bessel', type=3)"),
         ({"family": "itae", "order": 4}, "lowpass(4, 20.0, family='itae')"),
-        ({"family": "binomial", "order": 3, "type": 3}, "lowpass(3, 20.0, family='binomial', numerator=3)"),
+        ({"family": "binomial", "order": 3, "type": 3}, "lowpass(3, 20.0, family='binomial', type=3)"),
         (
             {"family": "bandpass", "order": 4, "band": [4.5, 9.0]},
             "bandpass(4, 4.5, 9.0, family='butterworth')",

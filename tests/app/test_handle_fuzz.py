@@ -9,8 +9,7 @@ from designer_messages import message_of, reply_to
 from hypothesis import given
 from hypothesis import strategies as st
 
-from phyfilter_ctl.app import Session, handle
-from phyfilter_ctl.app.handle import Reply
+from phyfilter_ctl.app.handling import Reply, Session, handle
 
 SESSION = {
     "format": "phyfilter-session",
@@ -29,7 +28,6 @@ GOOD: list[dict] = [
     {"op": "design", "design": message_of([-2.0], numerator={"kind": "b", "b": [1.0]})},
     {"op": "family", "family": "bessel", "order": 3, "cutoff": 20.0, "type": 2},
     {"op": "family", "family": "bandpass", "order": 2, "cutoff": 20.0, "band": [4.0, 9.0]},
-    {"op": "log", "name": "a.csv", "text": "t,v,label_v\n0,1,2\n0.1,2,3\n0.2,1,3\n0.3,2,1\n"},
     {
         "op": "upload",
         "name": "a.csv",

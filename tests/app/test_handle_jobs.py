@@ -10,7 +10,7 @@ import pytest
 from designer_messages import answered, message_of, refused
 
 from phyfilter_ctl import PhyFilter, Recording, learn
-from phyfilter_ctl.app import Session
+from phyfilter_ctl.app.handling import Session
 from phyfilter_ctl.app.jobs import LearningJob
 
 TRUTH = PhyFilter([300.0, 25.0])
@@ -63,7 +63,7 @@ def test_curve_falls_and_ends_at_the_rmse():
     assert 3 < len(steps) <= 402
     assert np.all(np.diff(steps) >= 0)
     assert np.all(np.diff(rmse[:-1]) < 0.0)
-    expected = learn(flight(noise=0.5, channels=2), 2, wiener=False)
+    expected = learn(flight(noise=0.5, channels=2), 2)
     assert rmse[-1] == pytest.approx(expected.rmse)
 
 
@@ -132,7 +132,7 @@ def test_what_else_ends_a_job(how):
     elif how == "close":
         session.close()
     else:
-        answered(session, "log", name="b.csv", text="t,v\n0,1\n1,2\n2,3\n")
+        answered(session, "example")
     assert job.wait(CANCELLED_WITHIN + 0.5)
     assert job.snapshot()["state"] == "cancelled"
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from designer_messages import answered, message_of, refused
 
-from phyfilter_ctl.app import Session
 from phyfilter_ctl.app.checking import Fields
 from phyfilter_ctl.app.designs import read_design
+from phyfilter_ctl.app.handling import Session
 
 LIMITS: dict[str, object] = {
     "error": {"omega": 1.0, "level": 0.1},

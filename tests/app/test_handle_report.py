@@ -12,7 +12,7 @@ import pytest
 from designer_messages import answered, message_of, refused
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.app import Session
+from phyfilter_ctl.app.handling import Session
 from phyfilter_ctl.cli import main
 
 LIMITS: dict[str, object] = {"error": {"omega": 1.0, "level": 0.1}}

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from designer_messages import answered, message_of, refused
 
-from phyfilter_ctl.app import Session
+from phyfilter_ctl.app.handling import Session
 from phyfilter_ctl.app.imports import free_memory
 from phyfilter_ctl.cli import app as command
 

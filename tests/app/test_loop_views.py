@@ -11,7 +11,7 @@ from designer_messages import answered, message_of, refused
 from numpy.typing import NDArray
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.app import Session
+from phyfilter_ctl.app.handling import Session
 
 POLES = [-20.0, -12 + 9j, -12 - 9j]
 STEP, LAG, DELAY, RATIO = 0.002, 0.03, 0.006, 1.4
@@ -27,7 +27,7 @@ def filter_and_plant(
     z: NDArray[np.complex128], *, lag: float = LAG, delay: float = DELAY
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
     """F_d(z), and H(z): from the command to the mean of a unit mass' acceleration over the step that ends."""
-    F = pf.design.place_poles(POLES, numerator=2)
+    F = pf.design.place_poles(POLES, type=2)
     dA, equilibrium, C = F.sampled(STEP, "exact").transition
     B = -dA @ equilibrium
     F_d = np.array([v * C @ np.linalg.solve((v - 1.0) * np.eye(len(C)) - dA, B) for v in z])
@@ -100,7 +100,7 @@ def test_time_responses_have_the_transfer_functions_of_the_loop_by_hand() -> Non
 @pytest.mark.slow
 def test_a_locus_ends_where_the_margins_end_and_its_poles_solve_the_loop() -> None:
     reply = answered(Session(), "locus", design=design(), over="ratio")
-    sampled = pf.design.place_poles(POLES, numerator=2).sampled(STEP, "exact")
+    sampled = pf.design.place_poles(POLES, type=2).sampled(STEP, "exact")
     margin = pf.margins(sampled, pf.Loop(actuator=LAG, delay=DELAY))
     leaving = [each for each in reply["limits"] if each["leaving"]]
     assert leaving[0]["at"] == pytest.approx(margin.max_ratio, rel=1e-8)
@@ -124,7 +124,7 @@ def test_a_locus_over_the_bandwidth_finds_where_the_loop_is_lost() -> None:
     (limit,) = reply["limits"]
     stable = []
     for factor in (0.999 * limit["at"], 1.001 * limit["at"]):
-        filter = pf.design.place_poles([factor * p for p in POLES], numerator=2)
+        filter = pf.design.place_poles([factor * p for p in POLES], type=2)
         margin = pf.margins(
             filter.sampled(STEP, "exact"), pf.Loop(actuator=LAG, delay=DELAY, inertia_ratio=RATIO)
         )

@@ -24,7 +24,7 @@ import pytest
 
 import phyfilter_ctl
 from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.app import Session
+from phyfilter_ctl.app.handling import Session
 from phyfilter_ctl.app.modules import sent
 from phyfilter_ctl.cli import app as command
 
@@ -219,7 +219,7 @@ def test_nothing_else_can_be_got(app):
     for method in ("GET", "PUT", "DELETE", "OPTIONS"):
         assert ask(app, method, "/message").status == 405
     for path in (
-        "/handle.py",
+        "/handling.py",
         "/server.py",
         "/page",
         "/static/designer.js",
@@ -293,9 +293,10 @@ def test_no_message_no_answer(app, body):
 
 def test_size_is_limited_by_what_a_message_carries(app):
     assert ask(app, body={**hello(), "x": "y" * 1_000_001}).status == 413
-    log = "t,vx\n" + "0.000,1.0\n" * 120_000
-    assert ask(app, body={"id": 1, "op": "log", "name": "long.csv", "text": log}).status == 200
-    assert ask(app, body={"id": 1, "op": "log", "name": "long.csv", "text": "x" * 25_000_000}).status == 413
+    log = base64.b64encode(b"t,vx\n" + b"0.000,1.0\n" * 90_000).decode()
+    piece = {"id": 1, "op": "upload", "name": "long.csv", "size": 900_005, "at": 0}
+    assert ask(app, body={**piece, "data": log}).status == 200
+    assert ask(app, body={**piece, "data": "x" * 25_000_000}).status == 413
 
 
 @pytest.mark.parametrize("length", ["25000001", "9" * 30, "-1", "many"])
@@ -509,7 +510,7 @@ def test_bad_arguments_are_refused(tmp_path):
 _SERVE = """
 import sys
 from pathlib import Path
-from phyfilter_ctl.app.handle import Session
+from phyfilter_ctl.app.handling import Session
 from phyfilter_ctl.app.server import serve
 from threadpoolctl import threadpool_info
 import phyfilter_ctl.app.server as server

@@ -9,9 +9,9 @@ import json
 import pytest
 from designer_messages import answered, message_of, refused
 
-from phyfilter_ctl.app import Session
 from phyfilter_ctl.app.checking import Fields
 from phyfilter_ctl.app.designs import read_design
+from phyfilter_ctl.app.handling import Session
 from phyfilter_ctl.app.sessions import FORMAT, VERSION, load_session, recording_beside
 from phyfilter_ctl.app.tabs import LONGEST_IDLE, MOST_TABS, Tabs
 

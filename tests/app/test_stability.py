@@ -50,7 +50,7 @@ def test_the_preview_counts_as_the_library_does():
     questions, expected = [], []
     while len(questions) < 60:
         poles, kind, assume = drawn(rng)
-        filter: PhyFilter = place_poles(poles, numerator=kind)
+        filter: PhyFilter = place_poles(poles, type=kind)
         lag = ct.tf([1.0], [assume["lag"], 1.0]) if assume["lag"] else None
         margin = margins(filter, Loop(actuator=lag, delay=assume["delay"] + STEP))
         ends = [end for interval in margin.stable_ratios for end in interval if 0.0 < end < np.inf]

@@ -9,7 +9,8 @@ import pytest
 from designer_messages import answered, message_of
 
 from phyfilter_ctl import Recording
-from phyfilter_ctl.app import Session, views
+from phyfilter_ctl.app import views
+from phyfilter_ctl.app.handling import Session
 from phyfilter_ctl.app.views import Peaks
 
 N, DT = 6000, 0.002

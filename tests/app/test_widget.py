@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.app.handle import Session, handle
+from phyfilter_ctl.app.handling import Session, handle
 
 pytest.importorskip("anywidget", reason="anywidget is not installed: the notebook's designer is not tested")
 comm = importlib.import_module("comm")

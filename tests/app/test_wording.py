@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from designer_messages import message_of
 
-from phyfilter_ctl.app import Session, handle
+from phyfilter_ctl.app.handling import Session, handle
 from phyfilter_ctl.app.modules import WEB
 
 NODE = shutil.which("node") or shutil.which("node", path=str(Path(sys.executable).parent))
@@ -37,8 +37,8 @@ def test_refusals_are_told_in_words():
         {"op": "family", "family": "butterworth", "order": 2, "cutoff": -1.0},
         {"op": "family", "family": "bandpass", "order": 2, "cutoff": 20.0, "band": [30.0, 10.0]},
         {"op": "export", "design": euler, "kind": "c", "channels": 1},
-        {"op": "log", "name": "a.csv", "text": "t,vx\n0,1\n0.1,two\n"},
-        {"op": "log", "name": "a.csv", "text": ""},
+        {"op": "import", "x": []},
+        {"op": "upload", "name": "a.csv", "size": 3, "at": 0, "data": "?"},
         {"op": "open", "name": "a.toml", "text": "[["},
         {"op": "job", "job": 4},
         {"op": "estimate", "design": message_of([-20.0])},

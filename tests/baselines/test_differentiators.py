@@ -17,7 +17,6 @@ from scipy.signal import lsim
 from phyfilter_ctl.baselines import (
     BASELINES,
     BackwardDifference,
-    Differentiator,
     KalmanDifferentiator,
     LowpassDifference,
     RobustDifferentiator,
@@ -26,6 +25,7 @@ from phyfilter_ctl.baselines import (
     robust,
     tracking,
 )
+from phyfilter_ctl.baselines.protocol import Differentiator
 
 # The same arithmetic in another order: some 1,000 steps of rounding, on estimates of size up to 100.
 ROUNDING = 1e-10

@@ -10,7 +10,6 @@ import pytest
 from phyfilter_ctl.baselines import (
     BASELINES,
     BackwardDifference,
-    Differentiator,
     KalmanDifferentiator,
     LowpassDifference,
     RobustDifferentiator,
@@ -20,6 +19,7 @@ from phyfilter_ctl.baselines import (
     TuneResult,
     tune,
 )
+from phyfilter_ctl.baselines.protocol import Differentiator
 from phyfilter_ctl.study import Executor
 from tests.cpu_budget import slow_but
 

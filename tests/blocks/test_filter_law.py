@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from phyfilter_ctl import PhyFilter, stack
-from phyfilter_ctl.blocks.filter_law import filter_law
+from phyfilter_ctl.blocks.law import filter_law
 from tests.cpu_budget import slow_but
 
 H = 0.002

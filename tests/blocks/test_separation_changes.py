@@ -1,4 +1,4 @@
-"""Sudden changes noticed by the block, against `detect_changes` over the recording, and the filter that goes on."""
+"""Sudden changes noticed by the block, against `Separation.changes` over the recording, and the filter that goes on."""
 
 import casadi as ca
 import control as ct
@@ -7,7 +7,7 @@ import pytest
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.blocks import separation_block
-from phyfilter_ctl.estimation import ColouredForce, Payload, SteadyForce, detect_changes, separate
+from phyfilter_ctl.estimation import ColouredForce, Payload, SteadyForce, separate
 from phyfilter_ctl.estimation.separation.changes import Schedule
 
 # Two forms of the measurement update over a few hundred steps.
@@ -55,7 +55,7 @@ def compare(outputs, changes, part):
 def test_block_tests_as_over_a_recording(part):
     log = recording(100)
     block = separation_block(PARTS, 2, watch=part, restart=False, **OPTIONS)
-    changes = detect_changes(separate(log, PARTS, noise=0.03, causal=True), part, within=WITHIN)
+    changes = separate(log, PARTS, noise=0.03, causal=True).changes(part, within=WITHIN)
     compare(run(block, log), changes, part)
 
 

@@ -144,7 +144,7 @@ def test_sampling_is_matched_until_told_otherwise(page: Watched) -> None:
     page("numerator-type").click()
     page.fill("dt", "50")
     page.settled()
-    filter = pf.place_poles([-20.0, -20.0], numerator=2)
+    filter = pf.place_poles([-20.0, -20.0], type=2)
     for method, words in (("matched", "1 − F hold at the samples"), ("exact", "for constants only")):
         page(f"method-{method}").click()
         page.settled()

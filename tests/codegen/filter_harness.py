@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from phyfilter_ctl.codegen.compiler import compile_sources
-from phyfilter_ctl.codegen.filter_source import FilterSource
+from phyfilter_ctl.codegen.filter_code import FilterSource
 
 STRICT = (
     *(

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from flat_models import oscillator
 
-from phyfilter_ctl.codegen import CompilerError, compile_model, compile_sources, find_compiler
-from phyfilter_ctl.codegen.compiler import cached_library, forget_oldest
+from phyfilter_ctl.codegen import CompilerError, compile_model, find_compiler
+from phyfilter_ctl.codegen.compiler import cached_library, compile_sources, forget_oldest
 
 PROGRAM = {"main.c": '#include "n.h"\nint main(void) { return N; }\n', "n.h": "#define N 7\n"}
 

@@ -12,9 +12,10 @@ import pytest
 from flat_models import STRICT, by_hand, oscillator, two_rates
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.codegen import compile_sources, find_compiler
+from phyfilter_ctl.codegen import find_compiler
+from phyfilter_ctl.codegen.compiler import compile_sources
+from phyfilter_ctl.codegen.diagram_folder import export_diagram
 from phyfilter_ctl.codegen.diagram_source import diagram_model, runtime_sources
-from phyfilter_ctl.codegen.export_diagram import export_diagram
 from phyfilter_ctl.codegen.export_folder import write_folder
 from tests.cpu_budget import slow_but
 

@@ -12,9 +12,10 @@ from flat_models import STRICT, law, model, symbols, two_rates
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.blocks.functions import Variable
-from phyfilter_ctl.codegen import compile_model, compile_sources
+from phyfilter_ctl.codegen import compile_model
+from phyfilter_ctl.codegen.compiler import compile_sources
 from phyfilter_ctl.codegen.diagram_source import diagram_model
-from phyfilter_ctl.codegen.filter_source import filter_source
+from phyfilter_ctl.codegen.filter_code import filter_source
 from phyfilter_ctl.diagram import flatten
 from phyfilter_ctl.diagram.model import Task
 

@@ -9,7 +9,7 @@ import pytest
 from filter_harness import CFilter, compile_filters
 
 from phyfilter_ctl import PhyFilter, SampledPhyFilter, place_poles, stack
-from phyfilter_ctl.codegen.filter_source import filter_source
+from phyfilter_ctl.codegen.filter_code import filter_source
 
 pytestmark = pytest.mark.slow  # the default suite has other tests of the same code
 
@@ -76,7 +76,7 @@ class Case:
 
 
 # Type 2, and nothing left of a sine of 6 rad/s, at the samples too.
-MATCHED = place_poles([-20.0] * 5, numerator=2, zeros_at=[6.0])
+MATCHED = place_poles([-20.0] * 5, type=2, zeros_at=[6.0])
 
 
 def cases() -> list[Case]:

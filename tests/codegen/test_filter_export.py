@@ -10,8 +10,7 @@ import pytest
 from phyfilter_ctl import PhyFilter, stack
 from phyfilter_ctl.codegen.compiler import compile_sources, find_compiler
 from phyfilter_ctl.codegen.export import export_c
-from phyfilter_ctl.codegen.export_filter import export_filter
-from phyfilter_ctl.filterfile import Signals
+from phyfilter_ctl.codegen.filter_folder import export_filter
 from tests.cpu_budget import slow_but
 
 H = 0.002
@@ -76,8 +75,9 @@ def test_a_wrong_coefficient_is_found(tmp_path):
 
 
 def test_header_says_what_it_is(tmp_path):
-    noted = Signals(["x", "y"], unit_x="m/s", unit_g="N", unit_f="N")
-    folder = export_filter(GENERAL.sampled(H, limit=2.0), tmp_path / "out", 2, name="wing", signals=noted)
+    units = {"x": "m/s", "g": "N", "f": "N"}
+    sampled = GENERAL.sampled(H, limit=2.0, channels=["x", "y"], units=units)
+    folder = export_filter(sampled, tmp_path / "out", 2, name="wing")
     header = (folder / "wing.h").read_text()
     for part in ("1780", "s**3 + 30*s**2", "m/s", "channels: x, y", "dt = 0.002 s", "|f_hat| <= 2"):
         assert part in header, part

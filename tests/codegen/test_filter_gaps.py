@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import phyfilter_ctl as pf
 from phyfilter_ctl import PhyFilter, SampledPhyFilter
-from phyfilter_ctl.codegen.filter_source import filter_source
+from phyfilter_ctl.codegen.filter_code import filter_source
 
 FloatArray = NDArray[np.floating]
 

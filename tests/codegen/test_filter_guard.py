@@ -10,8 +10,8 @@ import pytest
 from phyfilter_ctl import PhyFilter, SampledPhyFilter
 from phyfilter_ctl.codegen.compiler import compile_sources
 from phyfilter_ctl.codegen.export_folder import own_symbols
+from phyfilter_ctl.codegen.filter_code import filter_source
 from phyfilter_ctl.codegen.filter_guard import guard_sources
-from phyfilter_ctl.codegen.filter_source import filter_source
 
 pytestmark = pytest.mark.slow
 H = 0.002

@@ -6,8 +6,7 @@ import pytest
 
 from phyfilter_ctl import PhyFilter, phyfilter_block, stack
 from phyfilter_ctl.codegen.compiled import compile_model
-from phyfilter_ctl.codegen.filter_model import filter_model
-from phyfilter_ctl.filterfile import Signals
+from phyfilter_ctl.codegen.filter_cmodel import filter_model
 
 H = 0.002
 # Sums of a few dozen terms in another order.
@@ -251,8 +250,8 @@ def test_continuous_rest_stays_rest(continuous):
 
 
 def test_names_and_units():
-    noted = Signals(["north", "east"], unit_x="m/s", unit_g="N", unit_f="N", inertia=1.2)
-    model = filter_model(SECOND.sampled(H, limit=np.inf), 2, inertia=noted.inertia, signals=noted)
+    known = {"channels": ["north", "east"], "units": {"x": "m/s", "g": "N", "f": "N"}, "inertia": 1.2}
+    model = filter_model(SECOND.sampled(H, limit=np.inf, **known), 2)
     assert model.inputs[1].description == "measured state of east"
     assert [v.unit for v in (model.inputs[0], model.inputs[2], model.outputs[0], model.parameters[0])] == [
         "m/s",
@@ -272,7 +271,7 @@ def test_names_and_units():
         ({"channels": 0}, "channel"),
         ({"name": "3d"}, "identifier"),
         ({"filter": [SECOND] * 3}, "per channel"),
-        ({"signals": Signals(["x"])}, "names"),
+        ({"names": ["x"]}, "names"),
         ({"filter": SECOND.sampled(H), "rate": "sometimes"}, "rate"),
         ({"filter": PhyFilter.from_poles([-1.0] * 13).sampled(H)}, "13"),
     ],

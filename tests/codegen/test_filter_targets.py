@@ -10,7 +10,7 @@ import pytest
 
 from phyfilter_ctl import PhyFilter, stack
 from phyfilter_ctl.codegen.compiler import compile_sources, find_compiler
-from phyfilter_ctl.codegen.filter_source import FilterSource, filter_source
+from phyfilter_ctl.codegen.filter_code import FilterSource, filter_source
 from tests.cpu_budget import release_but, slow_but
 
 H = 0.002

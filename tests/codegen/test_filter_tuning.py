@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from phyfilter_ctl import PhyFilter, _sections
 from phyfilter_ctl.codegen.compiler import compile_sources
-from phyfilter_ctl.codegen.filter_source import filter_source, runtime_files
+from phyfilter_ctl.codegen.filter_code import filter_source, runtime_files
 from phyfilter_ctl.filter.recursion import transition
 from phyfilter_ctl.filter.retuning import moved
 

@@ -12,7 +12,8 @@ import pytest
 from phyfilter_ctl import PhyFilter, export_c, export_target, fixed_point, save, stack
 from phyfilter_ctl.analysis.bounds.sampled_kernels import SampledKernels
 from phyfilter_ctl.cli import main
-from phyfilter_ctl.codegen import compile_sources, find_compiler
+from phyfilter_ctl.codegen import find_compiler
+from phyfilter_ctl.codegen.compiler import compile_sources
 from phyfilter_ctl.codegen.fixed_source import fixed_source
 
 STUBS = Path(__file__).parents[1] / "c" / "stubs" / "arduino"

@@ -16,11 +16,10 @@ from phyfilter_ctl.blocks import delay_line
 from phyfilter_ctl.controllers import (
     CooperativePlanner,
     PlannerLimits,
-    known_force,
-    known_torque,
-    position_controller,
 )
-from phyfilter_ctl.design import SquaredError, numerator_of_type
+from phyfilter_ctl.controllers.known import known_force, known_torque
+from phyfilter_ctl.controllers.tracking import position_controller
+from phyfilter_ctl.design import SquaredError
 from phyfilter_ctl.filter import PaperFilter
 from phyfilter_ctl.learned import (
     AdaptiveChebyshev,
@@ -110,10 +109,9 @@ DOORS: dict[str, Door] = {
     "frequency_response omega": (np.array([1.0, 2.0]), lambda v: pf.frequency_response(F, v)),
     "sensitivity omega": (np.array([1.0, 2.0]), lambda v: MARGIN.sensitivity(v)),
     "inertia_within M_hat": (np.array([2.0, 1.0]), lambda v: held(MARGIN, M_hat=v, within=0.1)),
-    "zeros_at": (np.array([3.0]), lambda v: pf.place_poles([-20.0, -20.0, -20.0], numerator=1, zeros_at=v)),
-    "numerator_of_type a": (np.array([400.0, 40.0]), lambda v: numerator_of_type(v, 1)),
+    "zeros_at": (np.array([3.0]), lambda v: pf.place_poles([-20.0, -20.0, -20.0], type=1, zeros_at=v)),
     "SquaredError weights": (np.ones(2), lambda v: SquaredError(v)),
-    "learn weights": (np.ones(200), lambda v: pf.learn(FLIGHT, 1, starts=0, weights=v, wiener=False)),
+    "learn weights": (np.ones(200), lambda v: pf.learn(FLIGHT, 1, weights=v, search=pf.Search(starts=0))),
     "known_torque trim": (
         np.zeros(3),
         lambda v: known_torque(J=[0.1] * 3, arm=0.2, torque_ratio=0.01, dt=0.002, trim=v, **DRONE),

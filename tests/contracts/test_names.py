@@ -20,8 +20,8 @@ NAMES = {
 }
 # FMI says parameters, as does a model of its theta; a sampled block's dt is that of the diagram around it.
 OTHERS = ("phyfilter_ctl.fmi.", ".with_parameters", "phyfilter_ctl.blocks.sampled.SampledBlock")
-# Beside timepts, and python-control's: the times of the response, where those of the inputs are others.
-BESIDE = {"phyfilter_ctl.simulation.simulate.simulate(t_eval=)"}
+# The time of one turn of the figure, no sampling interval.
+BESIDE = {"phyfilter_ctl.plants.trajectories.lemniscate(period=)"}
 
 
 @pytest.mark.parametrize("wanted", NAMES)

@@ -77,8 +77,10 @@ AT_REST = [0.0, 0.0, 1.3, 0.0, 0.0, 0.0, 0.3, 0.0, -0.15, 0.0, 0.0, 0.0]
 Z = np.linspace(-1.0, 1.0, 40)[:, None]
 # One of each kind that is made in little time.
 MADE = {
-    "learn": lambda log: pf.learn(log, 1, starts=0),
-    "train": lambda log: design.train(log, PhyFilter([10.0]), segment=200, max_epochs=2),
+    "learn": lambda log: pf.learn(log, 1, search=pf.Search(starts=0)),
+    "train": lambda log: design.train(
+        log, PhyFilter([10.0]), segment=200, optimiser=design.Adam(max_epochs=2)
+    ),
     "fit": lambda log: learned.Chebyshev(degree=2, n_d=0).fit(Z, Z**2),
     "tune": lambda log: baselines.tune(
         baselines.LowpassDifference, [(log.x, log.label, 0.01, 10)], max_evaluations=5

@@ -10,7 +10,8 @@ import pytest
 
 from phyfilter_ctl import simulate
 from phyfilter_ctl.blocks import SampledBlock, delay_line, wired
-from phyfilter_ctl.controllers import attitude_controller, known_torque
+from phyfilter_ctl.controllers import AttitudeGains, Multirotor, attitude_controller
+from phyfilter_ctl.controllers.known import known_torque
 from phyfilter_ctl.plants import allocation_matrix, quadrotor
 
 # N m: the rotors' model is exact at the instants, commands being held; Runge-Kutta at 2 ms is not quite.
@@ -24,19 +25,8 @@ HOVER = 3.0 * 9.81 / 4.0
 
 
 prior = partial(known_torque, J=J, arm=ARM, torque_ratio=RATIO, motor_lag=LAG, rotor_max=MAX, dt=DT)
-attitude = partial(
-    attitude_controller,
-    mass=3.0,
-    J=J,
-    arm=ARM,
-    torque_ratio=RATIO,
-    rotor_max=MAX,
-    motor_lag=LAG,
-    lead_filter=0.01,
-    kR=[100.0, 4.0],
-    kw=[20.0, 4.0],
-    dt=DT,
-)
+vehicle = Multirotor(mass=3.0, J=J, arm=ARM, torque_ratio=RATIO, rotor_max=MAX, motor_lag=LAG)
+attitude = partial(attitude_controller, vehicle, AttitudeGains((100.0, 4.0), (20.0, 4.0), 0.01), dt=DT)
 
 
 def commanded(block: SampledBlock, inputs: list[float]) -> np.ndarray:

@@ -1,5 +1,7 @@
 """The multirotor's controllers: laws against plain numpy and rotation matrices, loops against closed forms."""
 
+from dataclasses import replace
+
 import control as ct
 import numpy as np
 import pytest
@@ -12,15 +14,16 @@ import phyfilter_ctl as pf
 from phyfilter_ctl.analysis import SystemMargins
 from phyfilter_ctl.blocks import delay_line, wired
 from phyfilter_ctl.controllers import (
-    allocate,
+    Multirotor,
     attitude_controller,
-    attitude_error,
-    attitude_gains,
-    known_force,
-    position_controller,
 )
-from phyfilter_ctl.diagram import open_loop
-from phyfilter_ctl.plants import allocation_matrix, plant, quadrotor, quaternion_rate, rotation_matrix
+from phyfilter_ctl.controllers.allocation import allocate
+from phyfilter_ctl.controllers.attitude import attitude_error, attitude_gains
+from phyfilter_ctl.controllers.known import known_force
+from phyfilter_ctl.controllers.tracking import position_controller
+from phyfilter_ctl.diagram.opening import open_loop
+from phyfilter_ctl.plants import allocation_matrix, plant, quadrotor
+from phyfilter_ctl.plants.algebra import quaternion_rate, rotation_matrix
 
 H, DELAY = 0.002, 5
 MASS, GRAVITY, DRAG, LAG, LIMIT = 3.0, 9.81, np.array([0.9, 0.9, 0.6]), 0.04, 16.2
@@ -68,12 +71,15 @@ def position(**changes):
     return position_controller(mass=MASS, **(usual | changes))
 
 
-def attitude(**changes):
-    usual = {
-        "J": J, "arm": ARM, "torque_ratio": RATIO, "gravity": GRAVITY, "rotor_max": LIMIT, "kR": GAINS.kR,
-        "kw": GAINS.kw, "motor_lag": LAG, "lead_filter": GAINS.lead_filter, "delay": DELAY * H, "dt": H,
-    }  # fmt: skip
-    return attitude_controller(mass=MASS, **(usual | changes))
+VEHICLE = Multirotor(
+    mass=MASS, J=J, arm=ARM, torque_ratio=RATIO, motor_lag=LAG, rotor_max=LIMIT, drag=DRAG, delay=DELAY * H
+)
+
+
+def attitude(vehicle=None, gains=None, **changes):
+    """The attitude loop with some of the vehicle's numbers, gains and options changed."""
+    vehicle, gains = replace(VEHICLE, **(vehicle or {})), GAINS._replace(**(gains or {}))
+    return attitude_controller(vehicle, gains, **({"dt": H} | changes))
 
 
 def known(kind="applied", **changes):
@@ -292,7 +298,7 @@ def test_forces_without_a_usable_direction(F):
 
 def test_tilt_is_limited():
     """A force far beyond tilt_max asks for tilt_max: level, the torque is that of an error 2 sin(tilt_max/2)."""
-    block = attitude(tilt_max=0.4, motor_lag=0.0, kR=[10.0, 1.0])
+    block = attitude({"motor_lag": 0.0}, {"kR": (10.0, 1.0)}, tilt_max=0.4)
     sideways = output(block, [1e3, 0.0, 4 * HOVER, 1.0, 0.0, 0.0, 0.0, *np.zeros(6)])
     np.testing.assert_allclose(
         (A @ sideways)[1:], [0.0, J[1] * 10.0 * 2.0 * np.sin(0.2), 0.0], atol=ROUNDING * 10
@@ -479,11 +485,11 @@ def test_margins_of_the_whole_loop(diagram, flat):
         (position, {"kd": -1.0}, "kd: expected"),
         (position, {"drag": [1.0, 2.0]}, "drag: expected a number or shape"),
         (position, {"dt": 0.0}, "dt: expected a finite number > 0"),
-        (attitude, {"J": [1.0, 0.0, 1.0]}, "J: expected three positive"),
-        (attitude, {"arm": -1.0}, "arm: expected a finite number > 0"),
+        (attitude, {"gains": {"kR": (1.0, 2.0, 3.0)}}, "kR: expected a number or shape"),
+        (attitude, {"vehicle": {"gravity": 0.0}}, "gravity: expected a finite number > 0"),
         (attitude, {"tilt_max": 2.0}, "tilt_max: expected an angle"),
         (attitude, {"thrust_lead": -0.1}, "thrust_lead: expected a finite number >= 0 s"),
-        (attitude, {"lead_filter": 0.0}, "lead_filter: expected a finite number > 0"),
+        (attitude, {"gains": {"lead_filter": 0.0}}, "lead_filter: expected a finite number > 0"),
         (known, {"kind": "measured"}, "kind: expected 'applied'"),
         (known, {"delay_steps": -1}, "delay_steps: expected at least 0"),
         (known, {"motor_lag": 0.0}, "motor_lag: expected a finite number > 0"),
@@ -492,6 +498,12 @@ def test_margins_of_the_whole_loop(diagram, flat):
 def test_bad_arguments(make, changes, message):
     with pytest.raises(ValueError, match=message):
         make(**changes)
+
+
+def test_a_vehicle_and_gains_of_another_kind_are_refused():
+    for vehicle, gains in ((3.0, GAINS), (VEHICLE, GAINS.kR)):
+        with pytest.raises(TypeError, match="expected a Multirotor and AttitudeGains"):
+            attitude_controller(vehicle, gains, dt=H)
 
 
 def test_bad_delay_and_gains():

@@ -102,10 +102,10 @@ class Case:
         return found
 
     @property
-    def options(self) -> dict[str, float]:
+    def options(self) -> dict[str, Any]:
         """Keywords of a run; the default tolerance is not said."""
         asked = {} if self.rtol == RTOL else {"rtol": self.rtol, "atol": ATOL_SHARE * self.rtol}
-        return {"time_limit": TIME_LIMIT, **asked}
+        return {"limits": {"time_limit": TIME_LIMIT}, **asked}
 
     def answer(self, start: Array) -> Array:
         assert self.system.reference is not None
@@ -177,9 +177,8 @@ def _batch(case: Case, model: Any, folder: Path) -> Array:
     inputs = None if case.inputs is None else np.array([case.inputs, case.inputs])
     if not len(case.start):
         inputs = np.zeros((2, model_inputs(model), len(case.times))) if inputs is None else inputs
-    runs = pf.simulate_batch(
-        model, case.times, inputs, starts if len(case.start) else None, workers=1, **case.options
-    )
+    options = case.options | {"limits": case.options["limits"] | {"workers": 1}}
+    runs = pf.simulate_batch(model, case.times, inputs, starts if len(case.start) else None, **options)
     return np.vstack([answered(case, run) for run in runs])
 
 
@@ -199,7 +198,7 @@ def _fmu(version: str, kind: str) -> Callable[[Case, Any, Path], Array]:
         path = folder / f"fmi{version[0]}.fmu"
         if not path.exists():
             solver = FmuSolver("adaptive", rtol=case.rtol, atol=ATOL_SHARE * case.rtol)
-            pf.export_fmu(model, path, fmi=version, solver=solver)
+            pf.export_fmu(model, path, fmi=version, experiment=pf.fmi.FmuExperiment(solver=solver))
         description = fmpy.read_model_description(str(path))
         variables = {each.name: each for each in description.modelVariables}
         outputs = [name for name, each in variables.items() if each.causality == "output"]

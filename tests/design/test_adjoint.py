@@ -227,12 +227,9 @@ def test_training_finds_the_best_pole_of_a_sweep(coordinates):
         PhyFilter([1.0]),
         segment=600,
         warmup=200,
-        batch=2,
-        optimiser=Adam(0.1 if coordinates == "hurwitz" else 4.0),
+        optimiser=Adam(0.1 if coordinates == "hurwitz" else 4.0, batch=2, max_epochs=150, patience=15),
         coordinates=coordinates,
         validation=0.0,
-        max_epochs=150,
-        patience=15,
     )
     assert result.status == "converged", result.message
     assert min(result.validation) < 1.01 * best
@@ -242,8 +239,10 @@ def test_training_finds_the_best_pole_of_a_sweep(coordinates):
 
 def test_training_is_reproducible_and_the_order_counts():
     log = learnable()
-    options = {"segment": 200, "max_epochs": 3, "optimiser": Adam(0.3)}
-    one, same, other = (train(log, PhyFilter([1.0]), seed=seed, **options) for seed in (1, 1, 2))
+    one, same, other = (
+        train(log, PhyFilter([1.0]), segment=200, optimiser=Adam(0.3, max_epochs=3, seed=seed))
+        for seed in (1, 1, 2)
+    )
     assert one.filter == same.filter
     assert one.history == same.history
     assert one.history != other.history
@@ -253,7 +252,7 @@ def test_the_papers_realisation_trains_alike():
     """Eq. (5) rolled out and the increment recursion under Euler with held inputs are one map."""
     log = learnable(400)
     start = PhyFilter([4.0, 4.0])
-    options = {"segment": 100, "max_epochs": 5, "optimiser": Adam(0.2)}
+    options = {"segment": 100, "optimiser": Adam(0.2, max_epochs=5)}
     paper = train(log, PaperFilter(start, 0.01), **options)
     euler = train(log, start.sampled(0.01, method="euler", f_theta="hold"), **options)
     assert relative(np.array(paper.history), np.array(euler.history)) < 1e-9
@@ -264,8 +263,7 @@ def test_divergence_is_a_status(method):
     result = train(
         learnable(500),
         PhyFilter([1000.0, 300.0, 30.0]).sampled(0.01, method=method),
-        optimiser=Adam(200.0),
-        max_epochs=50,
+        optimiser=Adam(200.0, max_epochs=50),
     )
     assert result.status == "diverged"
     assert "smaller rate" in result.message
@@ -278,10 +276,8 @@ def test_logarithms_cannot_leave_the_stable_region():
     result = train(
         learnable(500),
         PhyFilter([1000.0, 300.0, 30.0], [900.0, 200.0, 10.0]),
-        optimiser=Adam(0.5),
+        optimiser=Adam(0.5, max_epochs=30, patience=30),
         coordinates="hurwitz",
-        max_epochs=30,
-        patience=30,
     )
     assert result.status == "iteration_limit"
     assert np.all(result.filter.poles.real < 0.0)
@@ -336,6 +332,9 @@ def test_what_is_refused():
         SquaredError([-1.0])
     with pytest.raises(ValueError, match="rate"):
         Adam(0.0)
+    for name in ("batch", "patience", "max_epochs"):
+        with pytest.raises(ValueError, match=f"{name}: expected a whole number of at least 1, got 0"):
+            Adam(**{name: 0})
     f, f_hat, a = ca.SX.sym("f", 3), ca.SX.sym("f_hat", 3), ca.SX.sym("a", 1)
     cost = CasadiCost(ca.Function("l", [f, f_hat, a], [ca.sumsqr(f - f_hat) + a]))
     with pytest.raises(ValueError, match="written for"):

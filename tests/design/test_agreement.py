@@ -8,12 +8,10 @@ from scipy.signal import lfilter
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.recording.agreement import lag_sums, late_g
-from phyfilter_ctl.robot import Suspicion
-from phyfilter_ctl.robot.findings import findings_of
 
 H, FINER, N = 0.01, 10, 4000
 NAMES = ("vx", "vy")
-QUICK = {"starts": 0, "wiener": False, "cross_validate": False}
+QUICK = pf.Search(starts=0, cross_validate=False)
 
 
 def coloured(rng, n, h, time):
@@ -69,7 +67,7 @@ def test_a_wrong_label_without_a_mean_is_told(fault):
         signals = signals | {"x": x + 1e-3 * np.std(x) * np.random.default_rng(1).standard_normal(x.shape)}
     log = pf.Recording.from_arrays(**signals)
     with pytest.warns(UserWarning, match=words):
-        found = pf.learn(log, 1, **QUICK)
+        found = pf.learn(log, 1, search=QUICK)
     assert any("the label of" in note for note in found.notes)
 
 
@@ -77,7 +75,7 @@ def test_one_wrong_flight_among_good_ones_is_told():
     logs = [pf.Recording.from_arrays(**(flight(seed) | {"name": str(seed)})) for seed in range(3)]
     logs[1] = logs[1].with_signals(label=1e3 * logs[1].label)
     with pytest.warns(UserWarning, match=r"times (999|1e\+03) .* \(in 1 of 3 flights\)"):
-        pf.learn(logs, 1, **QUICK)
+        pf.learn(logs, 1, search=QUICK)
 
 
 @pytest.mark.parametrize(
@@ -97,12 +95,10 @@ def test_sound_recordings_in_and_out_of_loops_raise_no_alarm(loop, noise):
     log = pf.Recording.from_arrays(**flight(3, noise=noise, **loop))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert pf.learn(log, 1, **QUICK).notes == ()
+        assert pf.learn(log, 1, search=QUICK).notes == ()
     assert not [note for note in pf.estimate(log).notes if "late" in note]
-    assert Suspicion.LATE_G not in [finding.suspicion for finding in findings_of(log)]
-    assert Suspicion.LATE_G not in [
-        finding.suspicion for finding in findings_of(log.with_signals(label=None))
-    ]
+    assert "late_g" not in [finding.suspicion for finding in log.check()]
+    assert "late_g" not in [finding.suspicion for finding in log.with_signals(label=None).check()]
 
 
 @pytest.mark.parametrize(
@@ -111,11 +107,11 @@ def test_sound_recordings_in_and_out_of_loops_raise_no_alarm(loop, noise):
 def test_a_late_g_is_told_by_learn_estimate_and_the_check(loop):
     log = pf.Recording.from_arrays(**flight(4, late=0.02, **loop))
     with pytest.warns(UserWarning, match="g of v[xy] seems late by 20 ms"):
-        pf.learn(log, 1, **QUICK)
+        pf.learn(log, 1, search=QUICK)
     bare = log.with_signals(label=None)
     assert any("g of vx seems late by 20 ms" in note for note in pf.estimate(bare).notes)
     for each in (log, bare):
-        assert Suspicion.LATE_G in [finding.suspicion for finding in findings_of(each)]
+        assert "late_g" in [finding.suspicion for finding in each.check()]
 
 
 def test_delays_between_samples_and_uneven_steps():

@@ -10,7 +10,7 @@ import pytest
 from reference_log import reference_log
 from scipy.optimize import minimize
 
-from phyfilter_ctl import PhyFilter, Recording
+from phyfilter_ctl import PhyFilter, Recording, Sampling, Search, Shape
 from phyfilter_ctl.design.learning import LearnEvent, learn
 from phyfilter_ctl.design.learning.verdict import status_of
 from tests.cpu_budget import release_but, slow_but
@@ -67,7 +67,7 @@ def test_any_start_comes_to_the_best_known_cost(log, form):
     for seed in range(5):
         rng = np.random.default_rng(100 + seed)
         starts = [random_filter(n, rng) for n in best]
-        result = learn(log, 6, form=form, start=starts, seed=seed, wiener=False)
+        result = learn(log, 6, shape=form, search=Search(start=starts, seed=seed))
         for n, cost in result.costs.items():
             # A low-pass filter of order n that does worse than a lower order is not what comes back.
             given = min(result.costs[m] for m in range(1, n + 1)) if form == "lowpass" else cost
@@ -79,7 +79,7 @@ def test_any_start_comes_to_the_best_known_cost(log, form):
 
 def test_best_known_costs_are_also_scipys(short):
     """Nelder and Mead over poles, with the filter run over the log, ends nowhere better."""
-    result = learn(short, 2, wiener=False)
+    result = learn(short, 2)
 
     def cost(theta):
         a = [np.exp(2.0 * theta[0]), 2.0 * np.exp(theta[0] + theta[1])]
@@ -94,7 +94,7 @@ def test_best_known_costs_are_also_scipys(short):
 
 @pytest.mark.slow
 def test_general_form_comes_near_the_wiener_filter(log):
-    result = learn(log, 3, form="general")
+    result = learn(log, 3, shape="general")
     assert result.wiener is not None
     assert result.wiener_ratio < NEAR_FLOOR
     low, high = result.wiener_interval
@@ -105,13 +105,17 @@ def test_general_form_comes_near_the_wiener_filter(log):
 @pytest.mark.slow
 def test_cost_never_rises_with_the_order_of_the_general_form(short):
     for method in ("exact", "euler", "tustin"):
-        costs = list(learn(short, 6, form="general", method=method, starts=0, wiener=False).costs.values())
+        costs = list(
+            learn(
+                short, 6, shape="general", sampling=Sampling(method=method), search=Search(starts=0)
+            ).costs.values()
+        )
         assert all(later <= earlier * (1.0 + 1e-12) for earlier, later in itertools.pairwise(costs))
 
 
 @pytest.mark.slow
 def test_lowpass_order_that_adds_nothing(log):
-    two, four = learn(log, 2, wiener=False), learn(log, 4, wiener=False)
+    two, four = learn(log, 2), learn(log, 4)
     assert two.status == "converged"
     assert four.status == "order_adds_nothing"
     assert four.order_used == four.filter.order == 2
@@ -122,7 +126,7 @@ def test_lowpass_order_that_adds_nothing(log):
 def test_reported_errors_are_those_of_the_filter(short):
     other = reference_log(3000, seed=8)
     for form in ("lowpass", "general"):
-        result = learn(short, 3, form=form, held_out=other, wiener=False)
+        result = learn(short, 3, held_out=other, shape=form)
         for log, rmse in ((short, result.rmse), (other, result.held_out_rmse)):
             f_hat = result.filter.sampled(log.dt).run(log.x, f_theta=log.f_theta)
             assert np.sqrt(np.mean((log.label - f_hat)[1:] ** 2)) == pytest.approx(rmse, rel=SAME_COST)
@@ -154,7 +158,7 @@ def test_a_filter_is_learned_back(name, method, irregular):
     label = truth.sampled(0.01, method=method).run(x, f_theta=f_theta, times=times)
     log = Recording.from_arrays(x=x, times=times, label=label, f_theta=f_theta)
     form = "lowpass" if truth.is_lowpass else "general"
-    result = learn(log, truth.order, form=form, method=method, wiener=False)
+    result = learn(log, truth.order, shape=form, sampling=Sampling(method=method))
     assert result.rmse <= EXACT_FIT * np.std(label)
     np.testing.assert_allclose(result.filter.a, truth.a, rtol=RECOVERED)
     np.testing.assert_allclose(result.filter.b, truth.b, rtol=RECOVERED, atol=RECOVERED * truth.b[0])
@@ -169,9 +173,9 @@ def test_many_flights_of_several_rates_with_inertia_and_held_g():
         inertia = [2.0, 3.0]
         label = truth.sampled(dt, g="average").run(x, g, inertia=inertia)
         logs.append(Recording.from_arrays(x=x, g=g, dt=dt, label=label, inertia=inertia))
-    result = learn(logs, 2, g="average", wiener=False)
+    result = learn(logs, 2, sampling=Sampling(g="average"))
     np.testing.assert_allclose(result.filter.a, truth.a, rtol=RECOVERED)
-    wrong = learn(logs, 2, g="hold", wiener=False)
+    wrong = learn(logs, 2, sampling=Sampling(g="hold"))
     assert wrong.rmse > 1e3 * result.rmse
 
 
@@ -181,7 +185,7 @@ def test_jump_at_a_gap_in_the_times_does_not_slow_the_filter():
     times = 0.01 * np.arange(3000)
     times[1500:] += 2.0
     label = PhyFilter([30.0]).sampled(0.01).run(x, times=times)
-    result = learn(Recording.from_arrays(x=x, times=times, label=label), 1, wiener=False)
+    result = learn(Recording.from_arrays(x=x, times=times, label=label), 1)
     assert result.filter.a[0] == pytest.approx(30.0, rel=RECOVERED)
 
 
@@ -193,33 +197,33 @@ def test_weights_and_channels_choose_what_is_learned():
     slow, fast = PhyFilter([4.0]).sampled(0.01), PhyFilter([40.0]).sampled(0.01)
     label = np.hstack([slow.run(x[:, :1]), fast.run(x[:, 1:])])
     log = Recording.from_arrays(x=x, dt=0.01, label=label, channels=["roll", "pitch"])
-    assert learn(log, 1, channels=[0], wiener=False).filter.a[0] == pytest.approx(4.0, rel=RECOVERED)
-    assert learn(log, 1, channels=["pitch"], wiener=False).filter.a[0] == pytest.approx(40.0, rel=RECOVERED)
+    assert learn(log, 1, channels=[0]).filter.a[0] == pytest.approx(4.0, rel=RECOVERED)
+    assert learn(log, 1, channels=["pitch"]).filter.a[0] == pytest.approx(40.0, rel=RECOVERED)
     weights = np.zeros((3000, 2))
     weights[:, 1] = 1.0
-    by_sample = learn(log, 1, weights=weights, wiener=False)
+    by_sample = learn(log, 1, weights=weights)
     assert by_sample.filter.a[0] == pytest.approx(40.0, rel=RECOVERED)
     assert by_sample.cost < 1e-6 * by_sample.rmse**2
     ends = [log.with_signals(label=run.run(x)) for run in (slow, fast)]
-    assert learn(ends, 1, weights=[0.0, 2.0], wiener=False).filter.a[0] == pytest.approx(40.0, rel=RECOVERED)
-    middle = learn(ends, 1, weights=[1.0, 2.0], wiener=False).filter.a[0]
+    assert learn(ends, 1, weights=[0.0, 2.0]).filter.a[0] == pytest.approx(40.0, rel=RECOVERED)
+    middle = learn(ends, 1, weights=[1.0, 2.0]).filter.a[0]
     assert 4.0 < middle < 40.0
 
 
 @pytest.mark.slow
 def test_constant_weights_per_sample_change_nothing(short):
-    plain = learn(short, 2, wiener=False)
-    array = learn(short, 2, weights=np.full(short.n, 3.0), wiener=False)
+    plain = learn(short, 2)
+    array = learn(short, 2, weights=np.full(short.n, 3.0))
     np.testing.assert_allclose(array.filter.a, plain.filter.a, rtol=1e-9)
     varying = np.full(short.n, 3.0)
     varying[0] = 1.0  # the first sample is left out, so this is constant too
-    assert learn(short, 2, weights=varying, wiener=False).cost == pytest.approx(plain.cost, rel=1e-9)
+    assert learn(short, 2, weights=varying).cost == pytest.approx(plain.cost, rel=1e-9)
 
 
 def test_sample_weights_are_exact(short):
     """Random weights: no slowly varying signal, so the trials' shortcut alone would end elsewhere."""
     weights = np.random.default_rng(6).uniform(0.0, 1.0, (short.n, 3)) ** 4
-    result = learn(short, 1, weights=weights, wiener=False)
+    result = learn(short, 1, weights=weights)
 
     def cost(log_pole):
         f_hat = PhyFilter([np.exp(log_pole[0])]).sampled(short.dt).run(short.x, f_theta=short.f_theta)
@@ -264,8 +268,8 @@ def test_both_are_scored_on_irregular_and_weighted_flights(short):
     times = short.times + 2e-4 * np.random.default_rng(12).uniform(-1.0, 1.0, short.n)
     jittered = dataclasses.replace(short, times=times)
     weights = [np.linspace(0.5, 1.5, short.n), 1.0]
-    result = learn([jittered, short], 2, form="general", weights=weights)
-    plain = learn(short, 2, form="general")
+    result = learn([jittered, short], 2, weights=weights, shape="general")
+    plain = learn(short, 2, shape="general")
     assert result.wiener_ratio == pytest.approx(plain.wiener_ratio, abs=0.05)
     assert result.wiener.blocks == 8
 
@@ -275,7 +279,7 @@ def test_both_are_scored_on_irregular_and_weighted_flights(short):
 
 def test_history_is_what_the_callback_saw(short):
     seen = []
-    result = learn(short, 2, callback=seen.append, wiener=False)
+    result = learn(short, 2, search=Search(callback=seen.append))
     assert tuple(seen) == result.history
     assert all(isinstance(event, LearnEvent) for event in seen)
     by_start = {}
@@ -292,7 +296,7 @@ def test_cancelled_learning_returns_the_best_so_far(short):
         seen.append(event)
         return event.order == 2
 
-    result = learn(short, 3, callback=stop)
+    result = learn(short, 3, search=Search(callback=stop))
     assert result.status == "cancelled"
     assert result.wiener_ratio is None
     assert result.cost == pytest.approx(min(event.cost for event in seen))
@@ -300,7 +304,7 @@ def test_cancelled_learning_returns_the_best_so_far(short):
 
 
 def test_cancelled_at_the_first_step(short):
-    result = learn(short, 3, callback=lambda event: True)
+    result = learn(short, 3, search=Search(callback=lambda event: True))
     assert result.status == "cancelled"
     assert result.order_used == 1
     assert len(result.history) == 1
@@ -308,19 +312,19 @@ def test_cancelled_at_the_first_step(short):
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_filter(short):
-    one, two = (learn(short, 4, form="general", seed=3, wiener=False) for _ in range(2))
+    one, two = (learn(short, 4, shape="general", search=Search(seed=3)) for _ in range(2))
     assert one.filter == two.filter
     assert one.history == two.history
 
 
 def test_statuses():
     # Which of many descents is still going down is a matter of rounding: what is said of one is not.
-    assert status_of(SimpleNamespace(done=False), 2, 2, SimpleNamespace(form="lowpass")) == "iteration_limit"
+    assert status_of(SimpleNamespace(done=False), 2, 2, SimpleNamespace(shape=Shape())) == "iteration_limit"
     rng = np.random.default_rng(13)
     u = rng.standard_normal((2000, 1))
     x = np.concatenate([[[0.0]], np.cumsum(0.01 * u, axis=0)])
     direct = Recording.from_arrays(x=x, dt=0.01, label=np.concatenate([[[0.0]], u]))
-    bound = learn(direct, 1, wiener=False)  # gamma* = u: as fast as can be
+    bound = learn(direct, 1)  # gamma* = u: as fast as can be
     assert bound.status == "at_bound"
     assert "faster sampling" in bound.message
     assert bound.filter.a[0] <= 3.0 / 0.01 * (1.0 + 1e-9) + 1.0
@@ -339,7 +343,7 @@ def test_plot_shows_errors_and_both_filters(short):
 
 
 def test_result_is_frozen(short):
-    result = learn(short, 1, wiener=False)
+    result = learn(short, 1)
     with pytest.raises(dataclasses.FrozenInstanceError):
         result.rmse = 0.0
 
@@ -364,9 +368,8 @@ def bad_calls():
         "few samples": ({"logs": log.segment(0, 4), "order": 4}, "6 samples .* 8 parameters"),
         "constant x": ({"logs": still}, "residual .* constant"),
         "nothing to learn": ({"logs": known}, "target .* constant"),
-        "form": ({"logs": log, "form": "highpass"}, "form: expected one of lowpass, general"),
-        "method": ({"logs": log, "method": "rk4"}, "method: expected one of"),
-        "g": ({"logs": log, "g": "linear"}, "g: expected one of"),
+        "form": ({"logs": log, "shape": "highpass"}, "shape: expected a Shape, or one of lowpass, general"),
+        "label": ({"logs": log, "label": "lost"}, "label: expected one of given, offset"),
         "channel number": ({"logs": log, "channels": [2]}, "0 to 1"),
         "channel name": ({"logs": log, "channels": ["z"]}, "no channel 'z'"),
         "channel twice": ({"logs": log, "channels": [0, "x[0]"]}, "twice"),
@@ -375,8 +378,7 @@ def bad_calls():
         "weights shape": ({"logs": log, "weights": np.ones(3)}, r"\(50,\)"),
         "weights negative": ({"logs": log, "weights": -1.0}, "0 or more"),
         "weights zero": ({"logs": log, "weights": 0.0}, "all are 0"),
-        "start order": ({"logs": log, "start": PhyFilter([1.0, 2.0, 3.0])}, "order 3"),
-        "starts": ({"logs": log, "starts": -1}, "starts: expected at least 0"),
+        "start order": ({"logs": log, "search": Search(start=PhyFilter([1.0, 2.0, 3.0]))}, "order 3"),
         "held out": ({"logs": log, "held_out": log.with_signals(label=None)}, "no label"),
     }
 
@@ -393,7 +395,7 @@ def test_bad_types_are_refused(short):
     with pytest.raises(TypeError, match="Recordings"):
         learn([short.x], 2)
     with pytest.raises(TypeError, match="PhyFilters"):
-        learn(short, 2, start=[3.0])
+        learn(short, 2, search=Search(start=[3.0]))
     with pytest.raises(TypeError):
         learn(short, 2.5)
     with pytest.raises(TypeError, match="one entry a flight"):
@@ -413,7 +415,7 @@ def test_cancelling_the_first_trials_of_unequal_steps_keeps_the_best_so_far() ->
         seen.append(event.cost)
         return len(seen) == 3
 
-    result = learn(log, 2, callback=stop)
+    result = learn(log, 2, search=Search(callback=stop))
     assert result.status == "cancelled"
     assert len(seen) == 3
     assert np.isfinite(result.rmse)
@@ -428,6 +430,6 @@ def test_a_fit_down_to_rounding_has_a_wiener_floor() -> None:
     f = np.stack([np.sin((1 + i) * t) + 0.5 * np.sin(7.0 * t + i) for i in range(3)], axis=1)
     noise = 1e-3 * np.random.default_rng(0).standard_normal((n, 3))
     result = learn(
-        Recording.from_arrays(x=dt * np.cumsum(f, axis=0) + noise, dt=dt, label=f), 4, form="general"
+        Recording.from_arrays(x=dt * np.cumsum(f, axis=0) + noise, dt=dt, label=f), 4, shape="general"
     )
     assert result.wiener is not None

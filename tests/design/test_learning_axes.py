@@ -5,8 +5,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from phyfilter_ctl import PhyFilter, Recording, stack
-from phyfilter_ctl.design.learning import learn, learn_axes
+from phyfilter_ctl import PhyFilter, Reading, Recording, Search, stack
+from phyfilter_ctl.design.learning import learn
+from phyfilter_ctl.design.learning.axes import compare_axes
 
 H = 0.01
 RECOVERED = 1e-5
@@ -15,13 +16,13 @@ FILTERS = (PhyFilter([5.0]), PhyFilter([40.0]))
 COUPLED = np.array([[1.0, 0.6], [-0.4, 1.0]])
 
 
-BARE = {"wiener": False, "cross_validate": False, "intervals": False}
+BARE = Search(starts=0, cross_validate=False)
 # Trials on files begin where what was kept of them does; the answers do not differ by more than rounding.
 SAME = 1e-9
 
 
 def learner(logs):
-    return learn(logs, 1, starts=0, **BARE)
+    return learn(logs, 1, search=BARE)
 
 
 def log_of(filters, T, seed, noise=0.05, n=1500):
@@ -33,7 +34,7 @@ def log_of(filters, T, seed, noise=0.05, n=1500):
 
 
 def test_one_filter_is_enough_where_axes_are_alike():
-    found = learn_axes([log_of((FILTERS[0], FILTERS[0]), np.eye(2), 1)], learner, folds=3)
+    found = compare_axes([log_of((FILTERS[0], FILTERS[0]), np.eye(2), 1)], learner, folds=3)
     assert found.choice == "shared"
     assert found.filter.a[0] == pytest.approx(5.0, rel=0.05)
 
@@ -41,7 +42,7 @@ def test_one_filter_is_enough_where_axes_are_alike():
 @pytest.mark.slow
 def test_axes_that_differ_have_one_each():
     logs = [log_of(FILTERS, np.eye(2), seed, n=400) for seed in range(5)]
-    found = learn_axes(logs, learner, folds=5)
+    found = compare_axes(logs, learner, folds=5)
     assert found.choice == "each"
     assert [one.a[0] for one in found.filter] == pytest.approx([5.0, 40.0], rel=0.05)
     assert found.scores["shared"].ratio > 1.0 + found.scores["shared"].standard_error
@@ -53,7 +54,7 @@ def test_coupled_axes_have_a_matrix_that_runs_as_learned():
     M = np.array([2.0, 0.5])
     log = log_of(FILTERS, COUPLED, 3)
     log = Recording.from_arrays(x=log.x / M, dt=H, label=log.label, inertia=M)
-    found = learn_axes([log], learner, folds=3)
+    found = compare_axes([log], learner, folds=3)
     assert found.choice == "coupled"
     poles = sorted(one.a[0] for one in found.filter)
     assert poles == pytest.approx([5.0, 40.0], rel=0.1)
@@ -75,9 +76,12 @@ def test_axes_of_files_are_those_of_recordings(tmp_path):
         log.to_csv(tmp_path / f"{k}.csv")
     files = sorted(tmp_path.iterdir())
     for count in (2, 5):
-        expected = learn_axes(logs[:count], learner, folds=2)
-        found = learn_axes(
-            files[:count], lambda some: learn(some, 1, workers=1, starts=0, **BARE), folds=2, read=read
+        expected = compare_axes(logs[:count], learner, folds=2)
+        found = compare_axes(
+            files[:count],
+            lambda some: learn(some, 1, search=BARE, reading=Reading(workers=1)),
+            folds=2,
+            read=read,
         )
         assert found.choice == expected.choice
         np.testing.assert_allclose(found.T, expected.T, rtol=SAME)
@@ -90,9 +94,9 @@ def test_axes_of_files_are_those_of_recordings(tmp_path):
 def test_what_cannot_be_chosen_is_refused():
     log = log_of(FILTERS, np.eye(2), 1, n=50)
     with pytest.raises(ValueError, match="two channels"):
-        learn_axes([Recording.from_arrays(x=log.x[:, :1], dt=H, label=log.label[:, :1])], learner)
+        compare_axes([Recording.from_arrays(x=log.x[:, :1], dt=H, label=log.label[:, :1])], learner)
     with pytest.raises(ValueError, match="no label"):
-        learn_axes([log.with_signals(label=None)], learner)
+        compare_axes([log.with_signals(label=None)], learner)
     moving = Recording.from_arrays(x=log.x, dt=H, label=log.label, inertia=np.ones((50, 2)) + log.x**2)
     with pytest.raises(ValueError, match="inertia that varies"):
-        learn_axes([moving], learner)
+        compare_axes([moving], learner)

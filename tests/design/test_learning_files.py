@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from phyfilter_ctl import Recording, learn
+from phyfilter_ctl import Reading, Recording, Search, learn
 from phyfilter_ctl.design.learning import stored
 from phyfilter_ctl.execution.processes import Processes
 from phyfilter_ctl.logfiles import read_recording
@@ -21,7 +21,7 @@ SAME = 1e-10
 # Trials that are not the same end near one minimum, where the cost is flat: its square root of SAME.
 TWO_DESCENTS = 1e-5
 H = 0.01
-FEW = {"wiener": False, "intervals": False, "starts": 1}
+FEW = Search(starts=1)
 
 
 def flight(seed: int, samples: int = 500) -> Recording:
@@ -77,28 +77,26 @@ def same(one, other, tolerance=SAME):
 @pytest.mark.slow
 def test_files_and_functions_teach_what_recordings_do(flights, files):
     held = flight(77)
-    expected = learn(flights, 2, form="general", starts=1, held_out=held)
+    expected = learn(flights, 2, held_out=held, shape="general", search=Search(starts=1))
     named: list[str] = []
     found = learn(
         files,
         2,
-        form="general",
-        starts=1,
-        read=from_csv,
-        workers=1,
         held_out=[lambda: held],
-        report=named.append,
+        shape="general",
+        search=Search(starts=1),
+        reading=Reading(read=from_csv, workers=1, report=named.append),
     )
     same(expected, found)
     assert found.notes == expected.notes
     assert found.intervals.rmse == pytest.approx(expected.intervals.rmse, rel=SAME)
     assert named == [*map(str, files), "flight 0"]
-    same(expected, learn(lambda: iter(flights), 2, form="general", starts=1, held_out=held))
+    same(expected, learn(lambda: iter(flights), 2, held_out=held, shape="general", search=Search(starts=1)))
 
 
 def test_a_descent_reads_no_file_again(files):
     read = Counting()
-    learn(files, 2, read=read, workers=1, **FEW | {"intervals": True})
+    learn(files, 2, reading=Reading(read=read, workers=1), search=FEW)
     names = [path.name for path in files]
     assert sorted(read.paths) == sorted(2 * names)  # the survey, and the RMSE of the answer
     assert read.paths[: len(names)] == names
@@ -106,12 +104,11 @@ def test_a_descent_reads_no_file_again(files):
 
 def test_ends_that_are_too_short_are_read_again(flights, files, monkeypatch):
     """Slow poles remember more than what is kept: the answer on the whole flights does not change."""
-    options = FEW | {"intervals": True}
-    expected = learn(flights, 2, **options)
+    expected = learn(flights, 2, search=FEW)
     monkeypatch.setattr(stored, "ENDS", 6 * 2 * 8 * 20)
     monkeypatch.setattr(stored, "_BEGUN", 6 * 20)
     read = Counting()
-    found = learn(files, 2, read=read, workers=1, **options)
+    found = learn(files, 2, reading=Reading(read=read, workers=1), search=FEW)
     same(expected, found, TWO_DESCENTS)
     assert found.cost == pytest.approx(expected.cost, rel=SAME)
     assert found.intervals.rmse == pytest.approx(expected.intervals.rmse, rel=TWO_DESCENTS)
@@ -142,10 +139,13 @@ def test_weights_offsets_and_unequal_steps_hold_for_files(flights, files):
     times = np.cumsum(rng.uniform(0.5, 1.5, flights[0].n)) * H
     uneven = Recording(times, flights[0].x, g=flights[0].g, label=flights[0].label, channels=["p", "q"])
     logs = [uneven, *flights[1:]]
-    for options in ({"weights": weights, "cross_validate": True, "wiener": False}, {"label_offset": True}):
-        expected = learn(logs, 1, starts=0, **options)
-        here = {"read": from_csv, "workers": 1}
-        found = learn([lambda: uneven, *files[1:]], 1, starts=0, **here, **options)
+    here = Reading(from_csv, workers=1)
+    for options in (
+        {"weights": weights, "search": Search(starts=0, cross_validate=True)},
+        {"label": "offset", "search": Search(starts=0)},
+    ):
+        expected = learn(logs, 1, **options)
+        found = learn([lambda: uneven, *files[1:]], 1, reading=here, **options)
         same(expected, found, TWO_DESCENTS)
         assert found.cost == pytest.approx(expected.cost, rel=SAME)
 
@@ -162,19 +162,21 @@ def test_bad_flights_are_named_or_left_out(flights, files, tmp_path):
     flights[0].with_signals(label=None).to_csv(bare)
     logs = [files[0], broken, *files[1:], bare, tmp_path / "gone.csv", one_channel]
     with pytest.raises(ValueError, match=r"broken\.csv: line 3, column 'p'.*'oops'"):
-        learn(logs, 1, read=from_csv, workers=1)
-    found = learn(logs, 1, read=from_csv, workers=1, on_bad="skip", **FEW)
-    same(learn(flights, 1, **FEW), found)
+        learn(logs, 1, reading=Reading(read=from_csv, workers=1))
+    found = learn(logs, 1, reading=Reading(read=from_csv, on_bad="skip", workers=1), search=FEW)
+    same(learn(flights, 1, search=FEW), found)
     names, reasons = zip(*found.skipped, strict=True)
     assert names == (str(broken), str(bare), str(tmp_path / "gone.csv"), f"flight {len(logs) - 1}")
     for reason, text in zip(
         reasons, ("oops", "has no label", "No such file", "1 channels, p, where"), strict=True
     ):
         assert text in reason
-    at_hand = learn([*flights, flights[0].with_signals(label=None)], 1, on_bad="skip", **FEW)
+    at_hand = learn(
+        [*flights, flights[0].with_signals(label=None)], 1, reading=Reading(on_bad="skip"), search=FEW
+    )
     assert [name for name, _ in at_hand.skipped] == ["flight 0"]
     with pytest.raises(ValueError, match=r"no good flight among 2; the first: .*broken\.csv"):
-        learn([broken, bare], 1, read=from_csv, workers=1, on_bad="skip")
+        learn([broken, bare], 1, reading=Reading(read=from_csv, on_bad="skip", workers=1))
 
 
 def test_what_cannot_be_read_twice_is_refused_with_the_way_out(flights):
@@ -182,11 +184,11 @@ def test_what_cannot_be_read_twice_is_refused_with_the_way_out(flights):
         learn((log for log in flights), 1)
     rest = iter(flights)
     with pytest.raises(ValueError, match="made 0 flights in a later pass, 6 in the first"):
-        learn(lambda: rest, 1, **FEW)
-    with pytest.raises(ValueError, match="scheduler: flights that one function makes"):
-        learn(lambda: iter(flights), 1, scheduler="tcp://127.0.0.1:1")
+        learn(lambda: rest, 1, search=FEW)
+    with pytest.raises(ValueError, match="workers: flights that one function makes"):
+        learn(lambda: iter(flights), 1, reading=Reading(workers="tcp://127.0.0.1:1"))
     with pytest.raises(ValueError, match="on_bad: expected one of raise, skip"):
-        learn(flights, 1, on_bad="drop")
+        learn(flights, 1, reading=Reading(on_bad="drop"))
 
 
 def test_a_file_that_changes_is_noticed(flights, files, tmp_path):
@@ -199,7 +201,7 @@ def test_a_file_that_changes_is_noticed(flights, files, tmp_path):
         return found
 
     with pytest.raises(ValueError, match=r"growing\.csv: changed while learn was reading it"):
-        learn([path, *files[2:]], 1, read=read, workers=1, **FEW)
+        learn([path, *files[2:]], 1, reading=Reading(read=read, workers=1), search=FEW)
 
 
 def test_a_folder_of_parquet_is_read_by_its_columns(flights, tmp_path):
@@ -213,7 +215,7 @@ def test_a_folder_of_parquet_is_read_by_its_columns(flights, tmp_path):
             columns |= {name: log.x[:, i], f"g_{name}": log.g[:, i], f"label_{name}": log.label[:, i]}
         parquet.write_table(pa.table(columns), tmp_path / "day=1" / f"{k}.parquet")
     read = partial(read_recording, x=["p", "q"])
-    same(learn(flights, 1, **FEW), learn(tmp_path, 1, read=read, workers=1, **FEW))
+    same(learn(flights, 1, search=FEW), learn(tmp_path, 1, reading=Reading(read=read, workers=1), search=FEW))
     (tmp_path / "empty").mkdir()
     with pytest.raises(ValueError, match=r"a folder without \.parquet"):
         learn(tmp_path / "empty", 1)
@@ -227,8 +229,8 @@ def test_a_folder_of_parquet_is_read_by_its_columns(flights, tmp_path):
 @pytest.mark.release
 def test_processes_and_a_cluster_find_the_same_numbers_though_a_worker_is_killed(files):
     read = partial(Recording.from_csv, x=["p", "q"])
-    expected = learn(files, 2, form="general", read=read, workers=1)
-    same(expected, learn(files, 2, form="general", read=read, workers=2), 0.0)
+    expected = learn(files, 2, shape="general", reading=Reading(read=read, workers=1))
+    same(expected, learn(files, 2, shape="general", reading=Reading(read=read, workers=2)), 0.0)
     distributed = pytest.importorskip(
         "distributed", reason="the extra cluster (dask[distributed]) is not installed"
     )
@@ -247,7 +249,7 @@ def test_processes_and_a_cluster_find_the_same_numbers_though_a_worker_is_killed
                 os.kill(victim, signal.SIGKILL)
                 killed.set()
 
-        found = learn(files, 2, form="general", read=read, scheduler=client, report=report)
+        found = learn(files, 2, shape="general", reading=Reading(read=read, workers=client, report=report))
         assert killed.is_set()
     same(expected, found, 0.0)
 
@@ -256,5 +258,5 @@ def test_small_files_are_read_in_this_process(flights, files, monkeypatch):
     """Processes take seconds to start and these files milliseconds to read."""
     started = []
     monkeypatch.setattr(Processes, "__init__", lambda self, workers: started.append(workers))
-    same(learn(flights, 1, **FEW), learn(files, 1, read=from_csv, **FEW))
+    same(learn(flights, 1, search=FEW), learn(files, 1, reading=from_csv, search=FEW))
     assert not started

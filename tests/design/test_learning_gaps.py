@@ -5,11 +5,11 @@ from functools import partial
 import numpy as np
 import pytest
 
-from phyfilter_ctl import PhyFilter, Recording, learn
+from phyfilter_ctl import PhyFilter, Reading, Recording, Sampling, Search, learn
 
 H = 0.01
 POLE = 40.0
-QUICK = {"starts": 0, "wiener": False, "cross_validate": False}
+QUICK = Search(starts=0, cross_validate=False)
 # One step of 6000 is left out at a gap.
 LEFT_OUT = 1e-3
 # Of a noisy label: the standard error of the pole is 0.7 % here.
@@ -37,12 +37,12 @@ def clock(jump=0.0):
 
 @pytest.fixture(scope="module")
 def whole():
-    return learn(log(clock()), 1, **QUICK)
+    return learn(log(clock()), 1, search=QUICK)
 
 
 @pytest.mark.parametrize("jump", [5.0, 600.0, 3600.0])
 def test_a_jump_of_the_clock_changes_nothing(whole, jump):
-    found = learn(log(clock(jump)), 1, **QUICK)
+    found = learn(log(clock(jump)), 1, search=QUICK)
     assert found.filter.a[0] == pytest.approx(whole.filter.a[0], rel=LEFT_OUT)
     assert found.status == whole.status == "converged"
     assert found.sampled().dt == pytest.approx(H, rel=1e-9)
@@ -53,7 +53,7 @@ def test_a_jump_of_the_clock_changes_nothing(whole, jump):
 
 def test_lost_samples_do_not_change_the_step():
     rows = np.random.default_rng(1).random(6000) > 0.1
-    found = learn(log(clock(), rows), 1, **QUICK)
+    found = learn(log(clock(), rows), 1, search=QUICK)
     assert found.filter.a[0] == pytest.approx(POLE, rel=NOISY)
     assert found.sampled().dt == pytest.approx(H, rel=1e-9)
     assert any("samples are lost" in note for note in found.notes)
@@ -62,13 +62,19 @@ def test_lost_samples_do_not_change_the_step():
 def test_weights_folds_and_files_take_the_parts_of_a_log_as_one_flight(tmp_path):
     logs = [log(clock(600.0 * (seed % 2)), seed=seed, channels=["p", "q"]) for seed in range(4)]
     weights = [np.ones(6000), 1.0, 1.0, np.repeat([0.0, 1.0], 3000)]
-    found = learn(logs, 1, weights=weights, cross_validate=True, starts=0)
+    found = learn(logs, 1, weights=weights, search=Search(starts=0, cross_validate=True))
     assert [score.flight for score in found.flights] == [0, 1, 2, 3]
     with_files = [tmp_path / f"{i}.csv" for i in range(4)]
     for path, each in zip(with_files, logs, strict=True):
         each.to_csv(path)
     read = partial(Recording.from_csv, x=["p", "q"], label=["label_p", "label_q"])
-    stored = learn(with_files, 1, read=read, weights=weights, cross_validate=True, starts=0, workers=1)
+    stored = learn(
+        with_files,
+        1,
+        weights=weights,
+        search=Search(starts=0, cross_validate=True),
+        reading=Reading(read=read, workers=1),
+    )
     assert stored.filter.a[0] == pytest.approx(found.filter.a[0], rel=1e-6)
     assert stored.notes == found.notes
     np.testing.assert_allclose(
@@ -85,7 +91,9 @@ def test_a_filter_is_learned_back_over_what_run_makes_of_a_gap(step, delay):
     times = clock(step - H)
     x, f_theta = signals()[0], np.sin(3.0 * H * np.arange(6000))[:, None] * [1.0, 0.5]
     label = PhyFilter([POLE]).sampled(H, delay=delay).run(x, f_theta=f_theta, times=times)
-    found = learn(Recording(times, x, f_theta=f_theta, label=label), 1, delay=delay, **QUICK)
+    found = learn(
+        Recording(times, x, f_theta=f_theta, label=label), 1, sampling=Sampling(delay=delay), search=QUICK
+    )
     assert found.filter.a[0] == pytest.approx(POLE, rel=1e-6)
     assert found.rmse < 1e-6 * np.std(label)
 
@@ -96,15 +104,17 @@ def test_a_filter_is_learned_back_over_what_run_makes_of_a_gap(step, delay):
 def test_a_flight_in_milliseconds_is_named_or_left_out():
     good = [log(clock(), seed=seed, name=f"good {seed}") for seed in range(2)]
     late = log(1e3 * clock(), seed=2, name="late")
-    with pytest.raises(ValueError, match=r"logs: late: its steps are 10 s, those of other flights 0\.01 s"):
-        learn([*good, late], 1, **QUICK)
-    found = learn([*good, late], 1, on_bad="skip", **QUICK)
-    assert found.filter.a[0] == learn(good, 1, **QUICK).filter.a[0]
+    with pytest.raises(
+        ValueError, match=r"recordings: late: its steps are 10 s, those of other flights 0\.01 s"
+    ):
+        learn([*good, late], 1, search=QUICK)
+    found = learn([*good, late], 1, reading=Reading(on_bad="skip"), search=QUICK)
+    assert found.filter.a[0] == learn(good, 1, search=QUICK).filter.a[0]
     assert [name for name, _ in found.skipped] == ["late"]
-    stored = learn([*good, lambda: late], 1, on_bad="skip", workers=1, **QUICK)
+    stored = learn([*good, lambda: late], 1, reading=Reading(on_bad="skip", workers=1), search=QUICK)
     assert stored.filter.a[0] == pytest.approx(found.filter.a[0], rel=1e-9)
     with pytest.raises(ValueError, match=r"good 0: its steps are 0\.01 s, those of other flights 10 s"):
-        learn([good[0], late], 1, on_bad="skip", **QUICK)
+        learn([good[0], late], 1, reading=Reading(on_bad="skip"), search=QUICK)
 
 
 def test_channels_are_those_of_the_first_flight():
@@ -113,11 +123,11 @@ def test_channels_are_those_of_the_first_flight():
     other = Recording.from_arrays(x=x[:, ::-1], dt=H, label=label[:, ::-1], channels=["q", "p"])
     fewer = Recording.from_arrays(x=x[:, :1], dt=H, label=label[:, :1], channels=["p"])
     with pytest.raises(ValueError, match="log 1 has 2 channels, q, p, where the first flight has p, q"):
-        learn([one, other], 1, **QUICK)
+        learn([one, other], 1, search=QUICK)
     with pytest.raises(ValueError, match="log 1 has 1 channels, p, where"):
-        learn([one, fewer], 1, **QUICK)
+        learn([one, fewer], 1, search=QUICK)
     with pytest.raises(ValueError, match="held_out: has 1 channels, p, where"):
-        learn(one, 1, held_out=fewer, **QUICK)
-    by_name = learn([one, other], 1, channels=["p", "q"], **QUICK)  # matched by name
-    assert by_name.filter.a[0] == pytest.approx(learn([one, one], 1, **QUICK).filter.a[0], rel=1e-9)
-    assert learn([one, fewer], 1, channels=["p"], held_out=other, **QUICK).held_out_rmse is not None
+        learn(one, 1, held_out=fewer, search=QUICK)
+    by_name = learn([one, other], 1, channels=["p", "q"], search=QUICK)  # matched by name
+    assert by_name.filter.a[0] == pytest.approx(learn([one, one], 1, search=QUICK).filter.a[0], rel=1e-9)
+    assert learn([one, fewer], 1, channels=["p"], held_out=other, search=QUICK).held_out_rmse is not None

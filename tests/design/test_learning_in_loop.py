@@ -6,7 +6,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
-from phyfilter_ctl import Loop, LoopGoal, PhyFilter, Recording, Status, error_bound, learn, margins
+from phyfilter_ctl import Loop, LoopGoal, PhyFilter, Recording, Search, Status, error_bound, learn, margins
 from phyfilter_ctl.analysis import frequency_response, largest_bandwidth
 from phyfilter_ctl.analysis.margins.slopes import modulus_at, touches
 from phyfilter_ctl.blocks import phyfilter_block, sampled_block, wired
@@ -15,7 +15,7 @@ from phyfilter_ctl.loops import FilterPlace
 
 H = 0.01
 LOOP = {"kp": 10.0, "kd": 6.0, "actuator": ct.tf(1, [0.05, 1]), "delay": 0.01}
-PLAIN = {"wiener": False, "cross_validate": False, "intervals": False, "starts": 2}
+PLAIN = Search(starts=2, cross_validate=False)
 # Central differences of a minimum over frequency that is found to 1e-7 of it.
 DIFFERENCE = 1e-4
 # The search stops where steps gain 1e-4 of the cost or promise 1e-5, and keeps 1e-6 of spare room.
@@ -67,19 +67,19 @@ def test_slopes_of_margins_are_their_central_differences(kind):
 
 @pytest.mark.slow
 def test_order_one_is_the_fastest_that_keeps_the_modulus_margin(log):
-    found = learn(log, 1, loop=LoopGoal(Loop(**LOOP)), **PLAIN)
+    found = learn(log, 1, loop=LoopGoal(Loop(**LOOP)), search=PLAIN)
     limit = largest_bandwidth(lambda w: PhyFilter([w]), Loop(**LOOP), dt=H, modulus_margin=0.5).limit
     assert found.status is Status.CONVERGED
     assert found.loop.binding == ("modulus margin",)
-    assert not margins(learn(log, 1, **PLAIN).filter, Loop(**LOOP), dt=H).is_stable
+    assert not margins(learn(log, 1, search=PLAIN).filter, Loop(**LOOP), dt=H).is_stable
     assert limit * (1.0 - NEAR_LIMIT) < found.filter.a[0] <= limit
     assert found.loop.price > 0.5
     assert found.rmse == pytest.approx(found.loop.rmse_without * (1.0 + found.loop.price))
 
 
 def test_a_filter_that_keeps_the_limits_is_left_as_it_is(log):
-    free = learn(log, 1, **PLAIN)
-    found = learn(log, 1, loop=LoopGoal(modulus_margin=0.1, noise_gain=1e4), **PLAIN)
+    free = learn(log, 1, search=PLAIN)
+    found = learn(log, 1, loop=LoopGoal(modulus_margin=0.1, noise_gain=1e4), search=PLAIN)
     assert np.array_equal(found.filter.a, free.filter.a)
     assert found.loop.price == 0.0
     assert found.loop.binding == ()
@@ -87,7 +87,7 @@ def test_a_filter_that_keeps_the_limits_is_left_as_it_is(log):
 
 def test_what_no_filter_keeps_is_infeasible_and_nothing_is_fed_back(log, tmp_path):
     with pytest.warns(UserWarning, match="no filter up to order 1 keeps the limits, F = 0 is returned"):
-        found = learn(log, 1, loop=LoopGoal(Loop(**LOOP), modulus_margin=0.9), **PLAIN)
+        found = learn(log, 1, loop=LoopGoal(Loop(**LOOP), modulus_margin=0.9), search=PLAIN)
     assert found.status is Status.INFEASIBLE
     with pytest.raises(ValueError, match="sampled: no filter up to order 1 keeps the limits"):
         found.sampled()
@@ -98,14 +98,14 @@ def test_what_no_filter_keeps_is_infeasible_and_nothing_is_fed_back(log, tmp_pat
     assert not np.any(found.filter.b)
     assert "lower the outer gains" in found.message
     with pytest.warns(UserWarning, match="longer flights"):
-        slow = learn(log, 1, loop=LoopGoal(noise_gain=1e-3), **PLAIN)
+        slow = learn(log, 1, loop=LoopGoal(noise_gain=1e-3), search=PLAIN)
     assert slow.status is Status.INFEASIBLE
     assert "longer flights" in slow.message
 
 
 def test_margins_of_a_diagram_stand_for_the_formula(log):
-    found = learn(log, 1, loop=LoopGoal(margins=lambda f: margins(f, Loop(**LOOP))), **PLAIN)
-    formula = learn(log, 1, loop=LoopGoal(Loop(**LOOP)), **PLAIN)
+    found = learn(log, 1, loop=LoopGoal(margins=lambda f: margins(f, Loop(**LOOP))), search=PLAIN)
+    formula = learn(log, 1, loop=LoopGoal(Loop(**LOOP)), search=PLAIN)
     assert found.filter.a == pytest.approx(formula.filter.a, rel=NEAR_LIMIT)
 
 
@@ -158,8 +158,8 @@ def test_what_is_around_the_filter_of_a_diagram_is_what_its_equations_say():
 @pytest.mark.parametrize(("order", "form"), [(1, "lowpass"), (2, "general")])
 def test_a_filter_learned_in_the_diagram_is_that_of_the_formula(log, order, form):
     place = FilterPlace(diagram, "body.u", "filter.f_hat[0]")
-    found = learn(log, order, form=form, loop=LoopGoal(margins=place), **PLAIN)
-    formula = learn(log, order, form=form, loop=LoopGoal(Loop(**PD)), **PLAIN)
+    found = learn(log, order, loop=LoopGoal(margins=place), shape=form, search=PLAIN)
+    formula = learn(log, order, loop=LoopGoal(Loop(**PD)), shape=form, search=PLAIN)
     assert found.rmse == pytest.approx(formula.rmse, rel=NEAR_LIMIT)
     assert found.loop.spare["modulus margin"] >= 0.0
     assert found.loop.binding == formula.loop.binding == ("modulus margin",)
@@ -200,7 +200,7 @@ def test_wrong_limits_are_refused(wrong, message):
 )
 def test_limits_hold_by_the_exact_functions(log, order, form, limits):
     constraint = LoopGoal(Loop(**LOOP), **limits)
-    found = learn(log, order, form=form, loop=constraint, **PLAIN)
+    found = learn(log, order, loop=constraint, shape=form, search=PLAIN)
     margin = margins(found.filter, Loop(**LOOP), dt=H)
     sampled = found.sampled()
     assert found.status is Status.CONVERGED
@@ -212,13 +212,13 @@ def test_limits_hold_by_the_exact_functions(log, order, form, limits):
     assert constraint.bound is None or error_bound(sampled, {1: 3.0}).bound <= constraint.bound
     assert found.loop.binding
     # Order 1 that keeps the same is among the starts of the general form.
-    assert found.rmse <= learn(log, 1, form=form, loop=constraint, **PLAIN).rmse * (1.0 + 1e-4)
+    assert found.rmse <= learn(log, 1, loop=constraint, shape=form, search=PLAIN).rmse * (1.0 + 1e-4)
 
 
 @pytest.mark.slow
 def test_nothing_near_the_answer_is_better_by_a_search_that_knows_no_slopes(log):
     """Nelder and Mead's simplex on a and b_1, exact margins and the filter run on the record."""
-    found = learn(log, 2, form="general", loop=LoopGoal(Loop(**LOOP)), **PLAIN)
+    found = learn(log, 2, loop=LoopGoal(Loop(**LOOP)), shape="general", search=PLAIN)
 
     def cost(p):
         filter = PhyFilter(np.exp(p[:2]), [np.exp(p[0]), p[2]])
@@ -239,6 +239,6 @@ def test_nothing_near_the_answer_is_better_by_a_search_that_knows_no_slopes(log)
 @pytest.mark.slow
 def test_order_three_finds_the_pair_that_order_two_does_not_have(log):
     """From one pole more a search along one dip ends at 0.30 of rmse: the dips that steps raise elsewhere count."""
-    two, three = (learn(log, n, form="general", loop=LoopGoal(Loop(**LOOP)), **PLAIN) for n in (2, 3))
+    two, three = (learn(log, n, loop=LoopGoal(Loop(**LOOP)), shape="general", search=PLAIN) for n in (2, 3))
     assert three.rmse < 0.87 * two.rmse
     assert three.loop.binding == ("modulus margin",)

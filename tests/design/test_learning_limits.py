@@ -9,14 +9,15 @@ from reference_log import reference_log
 from scipy.signal import lfilter
 from test_learning import random_filter
 
-from phyfilter_ctl import PhyFilter, Recording
+from phyfilter_ctl import PhyFilter, Recording, Sampling, Search, Shape
 from phyfilter_ctl.cli.learn_report import Row, best_of
 from phyfilter_ctl.design.learning import learn, levenberg
 from phyfilter_ctl.design.learning.label_check import label_faults, label_sums
 from phyfilter_ctl.design.learning.parametrisation import Chain
 from phyfilter_ctl.design.learning.residuals import flights_of
-from phyfilter_ctl.design.learning.search import Search
+from phyfilter_ctl.design.learning.search import OrderSearch
 from phyfilter_ctl.design.learning.sensitivity import evaluate
+from phyfilter_ctl.design.learning.shape import FREE, LOWPASS
 from phyfilter_ctl.design.learning.sources import sources
 
 H = 0.01
@@ -84,7 +85,7 @@ def hover():
 
 @pytest.fixture(scope="module")
 def refused(hover):
-    return learn(hover, 3, form="general", dc_gain=None, held_out=tilted(9), wiener=False)
+    return learn(hover, 3, held_out=tilted(9), shape=Shape("general", dc_gain=None))
 
 
 def test_a_gain_at_rest_that_no_flight_shows_is_refused(refused):
@@ -95,11 +96,11 @@ def test_a_gain_at_rest_that_no_flight_shows_is_refused(refused):
     assert abs(1.0 - refused.filter.dc_gain) < 1.05
     assert "F(0) is not identified" in refused.message
     assert f"order {refused.order_used} is returned" in refused.message
-    assert "form='lowpass'" in refused.message
+    assert "shape='lowpass'" in refused.message
 
 
 def test_the_low_pass_form_is_always_identified(hover):
-    result = learn(hover, 2, wiener=False)
+    result = learn(hover, 2)
     assert result.is_identified
     assert result.filter.dc_gain == pytest.approx(1.0, rel=ROUNDING)
 
@@ -110,7 +111,7 @@ def test_no_pole_is_slower_than_the_longest_flight_shows(form):
     logs = [flight(seed, seconds=seconds) for seed, seconds in ((0, 4.0), (1, 8.0))]
     slow = PhyFilter([0.005])
     logs = [log.with_signals(label=slow.sampled(H).run(log.x)) for log in logs]
-    result = learn(logs, 1, form=form, wiener=False)
+    result = learn(logs, 1, shape=form)
     assert np.all(-result.filter.poles.real >= SETTLED / 8.0 * (1.0 - 0.01))
     assert result.status == "at_bound"
 
@@ -120,8 +121,8 @@ def test_the_choice_among_orders_and_forms_leaves_such_filters_out():
     logs = [flight(seed, lambda f, g: 5.0 * f) for seed in range(2)]
     with pytest.warns(UserWarning, match="M x' - g times"):  # not what is asked here
         rows = [
-            Row(1, "general", learn(logs, 1, form="general", dc_gain=None, wiener=False)),
-            Row(1, "lowpass", learn(logs, 1, wiener=False)),
+            Row(1, "general", learn(logs, 1, shape=Shape("general", dc_gain=None))),
+            Row(1, "lowpass", learn(logs, 1)),
         ]
     assert rows[0].result.status == "not_identified"
     assert rows[0].result.rmse < rows[1].result.rmse
@@ -162,7 +163,7 @@ def test_a_label_that_is_not_f_is_warned_of(fault):
     options, words = FAULTS[fault]
     logs = [flight(seed, **options) for seed in range(2)]
     with pytest.warns(UserWarning, match=words):
-        result = learn(logs, 1, starts=0, wiener=False)
+        result = learn(logs, 1, search=Search(starts=0))
     assert any("the label of" in note for note in result.notes)
 
 
@@ -186,8 +187,8 @@ def test_a_stretch_of_no_weight_is_not_looked_at():
 def test_without_g_the_result_says_what_is_taken_as_f():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        without = learn(flight(0), 1, starts=0, wiener=False)
-        with_g = learn(flight(0, g=thrust), 1, starts=0, wiener=False)
+        without = learn(flight(0), 1, search=Search(starts=0))
+        with_g = learn(flight(0, g=thrust), 1, search=Search(starts=0))
     assert without.notes == ("no g: M x' is taken as f",)
     assert with_g.notes == ()
 
@@ -200,8 +201,8 @@ def test_no_descent_says_limit_at_an_optimum():
     """48 descents from random starts, broken off at the step that comes to the optimum and at the two after it."""
     log = reference_log(600)
     data, _ = sources(flights_of([log]), "exact")
-    for form in ("lowpass", "general"):
-        search = Search(data, data, form, "exact", log.dt, SETTLED / log.duration, 400, lambda *_: None)
+    for shape in (LOWPASS, FREE):
+        search = OrderSearch(data, data, "exact", log.dt, SETTLED / log.duration, 400, lambda *_: None, shape)
         for n, seed in itertools.product((2, 3), range(4, 8)):
             theta = search.coordinates.of(random_filter(n, np.random.default_rng(seed)).poles)
             begun = levenberg.start(search.cost(data), theta)
@@ -220,7 +221,7 @@ def test_a_chain_without_sensitivities_has_no_cost():
     """Its own decay is below rounding; the floor alone makes it stable."""
     log = reference_log(100)
     data, _ = sources(flights_of([log]), "exact")
-    assert evaluate(data, Chain(np.array([-700.0, 0.0]), 1.0), "general") is None
+    assert evaluate(data, Chain(np.array([-700.0, 0.0]), 1.0), FREE) is None
 
 
 # -- limits of the actuators ---------------------------------------------------------------------------------------
@@ -234,15 +235,15 @@ def test_commands_beyond_the_actuators_are_learned_from_as_the_filter_will_take_
     x = np.cumsum(0.02 * (np.clip(g, *ends) + gust), axis=0)
     truth = PhyFilter([30.0]).sampled(0.02, g_limit=ends)
     log = Recording.from_arrays(x=x, dt=0.02, g=g, label=truth.run(x, g))
-    found = learn(log, 1, g_limit=ends, starts=0, wiener=False)
+    found = learn(log, 1, sampling=Sampling(g_limit=ends), search=Search(starts=0))
     assert found.filter.a[0] == pytest.approx(30.0, rel=1e-6)
     np.testing.assert_allclose(found.sampled().run(x, g), log.label, atol=1e-6)
     with pytest.warns(UserWarning, match="label"):
-        without = learn(log, 1, starts=0, wiener=False)
+        without = learn(log, 1, search=Search(starts=0))
     assert without.rmse > 0.1
     with pytest.raises(ValueError, match="one pair of numbers"):
-        learn(log, 1, channels=[0], g_limit=ends)
-    alone = learn(log, 1, channels=[0], g_limit=(-1.0, 1.5), starts=0, wiener=False)
+        learn(log, 1, channels=[0], sampling=Sampling(g_limit=ends))
+    alone = learn(log, 1, channels=[0], sampling=Sampling(g_limit=(-1.0, 1.5)), search=Search(starts=0))
     assert alone.filter.a[0] == pytest.approx(30.0, rel=1e-6)
 
 
@@ -252,11 +253,11 @@ def test_commands_beyond_the_actuators_are_learned_from_as_the_filter_will_take_
 def test_of_several_orders_those_without_a_score_are_named():
     x = np.cumsum(np.random.default_rng(0).standard_normal((2000, 1)), axis=0)
     log = Recording.from_arrays(x=x, dt=H, label=PhyFilter([20.0]).sampled(H).run(x))
-    result = learn(log, [1, 2, 3], starts=0, wiener=False)
+    result = learn(log, [1, 2, 3], search=Search(starts=0))
     assert result.order_used == 1
     assert result.message.startswith("order 1: the lowest of 1, 2, 3; cross-validated RMSE")
     assert "2, 3: not scored" in result.message
-    two = learn(flight(0), [1, 2, 3], starts=0, wiener=False)
+    two = learn(flight(0), [1, 2, 3], search=Search(starts=0))
     assert "as good as the best of 1 to 2;" in two.message
     assert "; 3: not scored" in two.message
 
@@ -271,14 +272,18 @@ def test_of_several_orders_those_without_a_score_are_named():
         ),
         ({"order": 1.0}, TypeError, r"order: expected a whole number, .* got 1\.0"),
         (
-            {"logs": {"a": flight(0)}},
+            {"recordings": {"a": flight(0)}},
             TypeError,
-            r"logs: expected Recordings, .* got dict; .* list\(logs\.values\(\)\)",
+            r"recordings: expected Recordings, .* got dict; .* list\(logs\.values\(\)\)",
         ),
-        ({"logs": "folder/*.csv"}, ValueError, r"folder/\*\.csv: no such file; of a pattern give sorted"),
+        (
+            {"recordings": "folder/*.csv"},
+            ValueError,
+            r"folder/\*\.csv: no such file; of a pattern give sorted",
+        ),
         ({"channels": "vx"}, ValueError, r"channels: .* got 'vx'; one is \['vx'\]"),
         (
-            {"logs": flight(0).with_signals(label=None)},
+            {"recordings": flight(0).with_signals(label=None)},
             ValueError,
             r"no label.*estimate\(log\), or smooth_label\(log\)",
         ),
@@ -286,4 +291,4 @@ def test_of_several_orders_those_without_a_score_are_named():
 )
 def test_wrong_arguments_are_named_with_what_to_give(given, error, words):
     with pytest.raises(error, match=words):
-        learn(**({"logs": flight(0), "order": 1} | given))
+        learn(**({"recordings": flight(0), "order": 1} | given))

@@ -5,7 +5,7 @@ import pytest
 from reference_log import reference_log
 from scipy.signal import lfilter
 
-from phyfilter_ctl import PhyFilter, Recording
+from phyfilter_ctl import PhyFilter, Recording, Sampling, Search, Shape
 from phyfilter_ctl.design.learning import learn
 from phyfilter_ctl.design.learning.correlation import Correlations, Stretch
 from phyfilter_ctl.design.learning.folds import Folds
@@ -50,7 +50,7 @@ def test_intervals_cover_the_truth():
     truth, noise, trials = PhyFilter([12.0]), 0.3, 150
     poles, errors, naive = 0, 0, 0
     for seed in range(trials):
-        result = learn(log_of(truth, seed, noise=noise, n=1500, channels=1), 1, starts=0, wiener=False)
+        result = learn(log_of(truth, seed, noise=noise, n=1500, channels=1), 1, search=Search(starts=0))
         found = result.intervals
         miss = abs(result.filter.a[0] - 12.0)
         poles += miss <= found.half_widths[0, 0]
@@ -66,13 +66,13 @@ def test_intervals_cover_the_truth():
 
 def test_many_flights_are_the_independent_observations():
     logs = [log_of(PhyFilter([12.0]), seed, n=300, channels=1) for seed in range(12)]
-    found = learn(logs, 1, starts=0, wiener=False, cross_validate=False).intervals
+    found = learn(logs, 1, search=Search(starts=0, cross_validate=False)).intervals
     assert found.kind == "12 flights"
     assert found.degrees_of_freedom == 11.0
-    assert found.dc_gain == (1.0, 1.0)
-    free = learn(logs, 1, form="general", dc_gain=None, starts=0, wiener=False, cross_validate=False)
-    low, high = free.intervals.dc_gain
-    assert low < free.filter.dc_gain < high
+    assert found.dc_gain == (1.0, 1.0, 1.0)
+    free = learn(logs, 1, shape=Shape("general", dc_gain=None), search=Search(starts=0, cross_validate=False))
+    value, low, high = free.intervals.dc_gain
+    assert low < value == free.filter.dc_gain < high
     assert low < 1.0 < high
 
 
@@ -84,10 +84,8 @@ def test_a_short_log_supports_no_high_order():
     """200 samples in one channel, order 8: fewer coefficients come back, and the truth is nearer."""
     truth = PhyFilter([300.0, 25.0])
     log, long = (log_of(truth, seed, n=n, noise=0.5, channels=1) for seed, n in ((1, 200), (2, 8000)))
-    result = learn(log, 6, form="general", held_out=long, starts=1, wiener=False, intervals=False)
-    unchecked = learn(
-        log, 6, form="general", held_out=long, starts=1, wiener=False, intervals=False, cross_validate=False
-    )
+    result = learn(log, 6, held_out=long, shape="general", search=Search(starts=1))
+    unchecked = learn(log, 6, held_out=long, shape="general", search=Search(starts=1, cross_validate=False))
     assert result.status == "order_adds_nothing"
     assert "the flights do not support more" in result.message
     assert result.order_used < 6
@@ -98,7 +96,7 @@ def test_a_short_log_supports_no_high_order():
 @pytest.mark.slow
 def test_of_several_orders_the_lowest_good_one_is_chosen():
     logs = [log_of(PhyFilter([300.0, 25.0]), seed, n=1200) for seed in range(3)]
-    result = learn(logs, range(1, 5), starts=1, form="general", intervals=False)
+    result = learn(logs, range(1, 5), shape="general", search=Search(starts=1))
     assert result.order_used == 2
     assert "the lowest that is as good as the best of 1 to 4" in result.message
     assert [score.order for score in result.orders] == [1, 2, 3, 4]
@@ -116,7 +114,7 @@ def test_of_several_orders_the_lowest_good_one_is_chosen():
 def test_flights_that_disagree_are_warned_of():
     logs = [log_of(PhyFilter([a]), seed, noise=0.1) for seed, a in enumerate((5.0, 5.0, 40.0))]
     with pytest.warns(UserWarning, match=r"flights disagree: .* flight 2 most"):
-        result = learn(logs, [1, 2], starts=0, wiener=False)
+        result = learn(logs, [1, 2], search=Search(starts=0))
     assert result.flights[2].disagrees
     assert any("flights disagree" in note for note in result.notes)
 
@@ -132,9 +130,9 @@ def test_folds_are_whole_flights_where_there_are_five():
 @pytest.mark.slow
 def test_a_wiener_filter_of_a_short_log_is_no_floor():
     log = reference_log(200)
-    short = learn(log, 2, form="general", starts=0, intervals=False).wiener
+    short = learn(log, 2, shape="general", search=Search(starts=0)).wiener
     assert not short.is_reliable
-    assert learn(reference_log(8000), 2, form="general", starts=0, intervals=False).wiener.is_reliable
+    assert learn(reference_log(8000), 2, shape="general", search=Search(starts=0)).wiener.is_reliable
 
 
 # -- offsets of labels ---------------------------------------------------------------------------------------
@@ -145,11 +143,11 @@ def test_an_offset_of_each_flight_is_fitted_out():
     logs = [
         log_of(truth, seed, noise=0.0, n=1000, offset=offset) for seed, offset in enumerate((-3.0, 1.0, 7.0))
     ]
-    result = learn(logs, 2, label_offset=True, starts=0, wiener=False)
+    result = learn(logs, 2, search=Search(starts=0), label="offset")
     np.testing.assert_allclose(result.filter.a, truth.a, rtol=RECOVERED)
     assert result.rmse < RECOVERED
-    with pytest.warns(UserWarning, match="label_offset=True"):
-        plain = learn(logs, 2, starts=0, wiener=False, cross_validate=False)
+    with pytest.warns(UserWarning, match="label='offset'"):
+        plain = learn(logs, 2, search=Search(starts=0, cross_validate=False))
     assert plain.rmse > 1.0
 
 
@@ -182,7 +180,9 @@ def test_moments_with_offsets_are_those_of_centred_signals():
 
 def test_the_sampled_filter_has_what_was_learned_for():
     log = log_of(PhyFilter([30.0]), 4)
-    result = learn(log, 1, method="tustin", g="average", f_theta="hold", limit=5.0, delay=0.02, wiener=False)
+    result = learn(
+        log, 1, sampling=Sampling(method="tustin", g="average", f_theta="hold", delay=0.02, limit=5.0)
+    )
     sampling = result.sampled().sampling
     assert (sampling.method, sampling.g, sampling.f_theta) == ("tustin", "average", "hold")
     assert (sampling.dt, sampling.delay, float(sampling.limit)) == (H, 0.02, 5.0)
@@ -197,11 +197,11 @@ def test_delay_and_direction_are_those_of_the_sampled_filter():
     g, f_theta = rng.standard_normal((1500, 3)), rng.standard_normal((1500, 1))
     label = sampled.run(x, g, f_theta) @ E.T  # what f does to x, as logs have it
     log = Recording.from_arrays(x=x, dt=H, g=g, f_theta=f_theta @ E.T, label=label)
-    result = learn(log, 2, E=E, delay=0.025, starts=0, wiener=False, cross_validate=False)
+    result = learn(log, 2, sampling=Sampling(delay=0.025, E=E), search=Search(starts=0, cross_validate=False))
     np.testing.assert_allclose(result.filter.a, truth.a, rtol=RECOVERED)
     np.testing.assert_allclose(result.sampled().run(x, g, f_theta), sampled.run(x, g, f_theta), atol=1e-3)
     with pytest.raises(ValueError, match="with E the channels are those of f"):
-        learn(log, 2, E=E, channels=[0])
+        learn(log, 2, channels=[0], sampling=Sampling(E=E))
 
 
 # -- the pull towards the order below ------------------------------------------------------------------------
@@ -211,14 +211,14 @@ def test_delay_and_direction_are_those_of_the_sampled_filter():
 def test_regularisation_pulls_towards_the_order_below():
     log = log_of(PhyFilter([300.0, 25.0]), 6, n=600)
     orders = [
-        learn(log, 2, form="general", regularisation=rho, wiener=False, cross_validate=False)
+        learn(log, 2, shape="general", search=Search(regularisation=rho, cross_validate=False))
         for rho in (0.0, 1.0, 1e6)
     ]
-    one = learn(log, 1, form="general", wiener=False, cross_validate=False).filter
+    one = learn(log, 1, shape="general", search=Search(cross_validate=False)).filter
     omega = 1j * np.geomspace(0.1, 100.0, 50)
     apart = [float(np.max(np.abs(found.filter(omega) - one(omega)))) for found in orders]
     assert apart[0] > apart[1] > apart[2]
     assert apart[2] < 1e-2
     assert [found.rmse for found in orders] == sorted(found.rmse for found in orders)
     with pytest.raises(ValueError, match="regularisation"):
-        learn(log, 2, regularisation=-1.0)
+        learn(log, 2, search=Search(regularisation=-1.0))

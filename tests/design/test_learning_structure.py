@@ -6,14 +6,13 @@ from reference_log import reference_log
 from scipy import signal
 from scipy.linalg import null_space
 
-from phyfilter_ctl import PhyFilter, Recording, place_poles
+from phyfilter_ctl import PhyFilter, Recording, Search, Shape, place_poles
 from phyfilter_ctl.design.learning import learn
 from phyfilter_ctl.design.learning.coordinates import Limited
 from phyfilter_ctl.design.learning.parametrisation import Chain
 from phyfilter_ctl.design.learning.residuals import flights_of
 from phyfilter_ctl.design.learning.sensitivity import evaluate
 from phyfilter_ctl.design.learning.sources import sources
-from phyfilter_ctl.design.learning.structure import structure_of
 
 H = 0.01
 # Central differences of a cost of size 1 over 1e-5: h^2 and eps / h.
@@ -24,18 +23,6 @@ RECOVERED = 1e-5
 ROUNDING = 1e-9
 # Three poles that meet are known to the cube root of rounding.
 REPEATED = 1e-4
-
-
-def structure(**given):
-    options = {
-        "dc_gain": 1.0,
-        "type": None,
-        "zeros_at": (),
-        "blocked_at": (),
-        "poles": (),
-        "pole_range": None,
-    }
-    return structure_of("general", **{**options, "damping": None, **given})
 
 
 def log_of(truth, seed=1, noise=0.0, n=2500):
@@ -56,11 +43,11 @@ def data():
     ids=["unit gain", "type 3", "zeros of 1 - F", "zeros of F", "band-pass"],
 )
 def test_gradient_of_the_constrained_cost(data, given):
-    wanted = structure(**given)
+    wanted = Shape("general", **given)
     theta = np.log([30.0, 25.0, 12.0, 6.0])
 
     def cost(t):
-        return evaluate(data, Chain(t, 0.1), "general", wanted)
+        return evaluate(data, Chain(t, 0.1), wanted)
 
     step = 1e-5
     found = [
@@ -78,7 +65,7 @@ def test_gradient_within_limits(data):
 
     def cost(t):
         chain = limited.chain(t)
-        return limited.pulled(evaluate(data, chain, "general", structure()), chain, t)
+        return limited.pulled(evaluate(data, chain, Shape("general")), chain, t)
 
     step = 1e-5
     found = [
@@ -97,7 +84,7 @@ def test_numerator_of_given_poles_is_least_squares_under_the_conditions():
     conditions."""
     log = log_of(PhyFilter([9.0]), noise=0.3)
     poles = [-4.0, -10.0, -30.0]
-    result = learn(log, 3, form="general", poles=poles, type=2, wiener=False)
+    result = learn(log, 3, shape=Shape("general", type=2, poles=poles))
     a = result.filter.a
     u = np.diff(log.x, axis=0) / H
     A, B = np.diag([1.0, 1.0], 1), np.array([[0.0], [0.0], [1.0]])
@@ -115,16 +102,16 @@ def test_numerator_of_given_poles_is_least_squares_under_the_conditions():
 
 
 TRUTHS = {
-    "type 2": (place_poles([-10.0, -14.0, -30.0], numerator=2), {"type": 2}),
+    "type 2": (place_poles([-10.0, -14.0, -30.0], type=2), {"type": 2}),
     "1 - F at 6 rad/s": (place_poles([-9.0, -14.0, -30.0], zeros_at=[6.0]), {"zeros_at": [6.0]}),
     "F at 40 rad/s": (PhyFilter([400.0, 40.0], [0.0, 30.0]), {"dc_gain": 0.0}),
 }
 
 
 @pytest.mark.parametrize("name", TRUTHS)
-def test_a_filter_of_the_structure_is_learned_back(name):
+def test_a_filter_of_the_shape_is_learned_back(name):
     truth, given = TRUTHS[name]
-    result = learn(log_of(truth), truth.order, form="general", **given, wiener=False)
+    result = learn(log_of(truth), truth.order, shape=Shape("general", **given))
     np.testing.assert_allclose(result.filter.a, truth.a, rtol=RECOVERED)
     np.testing.assert_allclose(result.filter.b, truth.b, rtol=RECOVERED, atol=RECOVERED * np.max(truth.b))
 
@@ -134,19 +121,14 @@ def test_conditions_hold_where_the_label_is_another_filter():
     result = learn(
         log,
         5,
-        form="general",
-        type=2,
-        zeros_at=[3.0],
-        wiener=False,
-        pole_range=(2.0, 120.0),
-        damping=0.5,
-        starts=1,
+        shape=Shape("general", type=2, zeros_at=[3.0], pole_range=(2.0, 120.0), damping=0.5),
+        search=Search(starts=1),
     )
     found = result.filter
     assert result.order_used == 5
     assert found.type == 2
     assert abs(found.error(3j)) < ROUNDING
-    notched = learn(log, 3, form="general", blocked_at=[80.0], wiener=False).filter
+    notched = learn(log, 3, shape=Shape("general", blocked_at=[80.0])).filter
     assert notched.dc_gain == 1.0
     assert abs(notched(80j)) < ROUNDING
 
@@ -154,15 +136,15 @@ def test_conditions_hold_where_the_label_is_another_filter():
 @pytest.mark.slow
 def test_poles_stay_within_limits_and_given_ones_stay():
     log = log_of(PhyFilter([400.0, 6.0]), n=1200)  # damping 0.15, 20 rad/s
-    quick = {"form": "general", "starts": 1, "wiener": False, "intervals": False, "cross_validate": False}
-    result = learn(log, 2, damping=0.6, **quick)
+    quick = Search(starts=1, cross_validate=False)
+    result = learn(log, 2, shape=Shape("general", damping=0.6), search=quick)
     assert result.status == "at_bound"
     assert "damping ratio 0.6" in result.message
     poles = result.filter.poles()
     assert np.all(-poles.real >= 0.6 * np.abs(poles) * (1.0 - ROUNDING))
-    slow = learn(log, 3, pole_range=(1.0, 12.0), **quick)
+    slow = learn(log, 3, shape=Shape("general", pole_range=(1.0, 12.0)), search=quick)
     assert np.all(np.abs(slow.filter.poles()) <= 12.0 * (1.0 + REPEATED))
-    kept = learn(log, 4, poles=[-5.0 + 2.0j, -5.0 - 2.0j], **quick)
+    kept = learn(log, 4, shape=Shape("general", poles=[-5.0 + 2.0j, -5.0 - 2.0j]), search=quick)
     assert np.min(np.abs(kept.filter.poles() - (-5.0 + 2.0j))) < ROUNDING
     # The truth is among them: its poles beside the given ones, which zeros cancel.
     assert kept.rmse < RECOVERED * np.std(log.label)
@@ -172,8 +154,8 @@ def test_gain_is_one_unless_freed():
     """The label is twice M x': with a gain of its own the filter says 2, by default it says 1."""
     log = log_of(PhyFilter([30.0]))
     log = log.with_signals(label=1.5 * log.label)
-    assert learn(log, 1, form="general", wiener=False).filter.dc_gain == 1.0
-    assert learn(log, 1, form="general", dc_gain=None, wiener=False).filter.dc_gain == pytest.approx(
+    assert learn(log, 1, shape="general").filter.dc_gain == 1.0
+    assert learn(log, 1, shape=Shape("general", dc_gain=None)).filter.dc_gain == pytest.approx(
         1.5, rel=RECOVERED
     )
 
@@ -191,9 +173,9 @@ def test_gain_is_one_unless_freed():
         ({"damping": 1.5}, "0 to 1"),
         ({"poles": [1.0]}, "not Hurwitz"),
         ({"poles": [-1.0, -2.0, -3.0]}, "3 given poles"),
-        ({"form": "lowpass", "zeros_at": [6.0]}, "form='general'"),
+        ({"form": "lowpass", "zeros_at": [6.0]}, "the form 'general'"),
     ],
 )
 def test_what_cannot_be_met_is_refused(given, message):
     with pytest.raises(ValueError, match=message):
-        learn(log_of(PhyFilter([9.0]), n=300), 2, **{"form": "general", **given})
+        learn(log_of(PhyFilter([9.0]), n=300), 2, shape=Shape(**{"form": "general", **given}))

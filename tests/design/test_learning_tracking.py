@@ -6,7 +6,17 @@ import pytest
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from phyfilter_ctl import Loop, LoopGoal, PhyFilter, Recording, SampledPhyFilter, learn, margins
+from phyfilter_ctl import (
+    Loop,
+    LoopGoal,
+    PhyFilter,
+    Reading,
+    Recording,
+    SampledPhyFilter,
+    Search,
+    learn,
+    margins,
+)
 from phyfilter_ctl.design.learning import tracking as module
 from phyfilter_ctl.design.learning.parametrisation import chain_of
 from phyfilter_ctl.design.learning.residuals import flights_of
@@ -144,7 +154,7 @@ def test_steps_that_differ_are_refused():
     times = np.cumsum([0.0, *([0.01, 0.02] * 50)])
     log = Recording.from_arrays(x=np.sin(times)[:, None], times=times, label=np.cos(times)[:, None])
     with pytest.raises(ValueError, match="equal steps"):
-        learn(log, 1, loop=LoopGoal(Loop(kd=1.0), cost="tracking"), wiener=False)
+        learn(log, 1, loop=LoopGoal(Loop(kd=1.0), cost="tracking"))
 
 
 @pytest.mark.slow
@@ -152,8 +162,8 @@ def test_flights_that_are_read_give_the_answer_of_those_in_memory():
     f, noise, wanted = signals(n=900, rest=100)
     log = Recording.from_arrays(x=(np.cumsum(H * f) + noise)[:, None], dt=H, label=f[:, None])
     loop = LoopGoal(Loop(delay=H, **LOOP), cost="tracking", reference=wanted)
-    plain = {"loop": loop, "wiener": False, "cross_validate": False, "intervals": False}
-    kept, read = learn(log, 1, **plain), learn([lambda: log], 1, workers=1, **plain)
+    plain = {"loop": loop, "search": Search(cross_validate=False)}
+    kept, read = learn(log, 1, **plain), learn([lambda: log], 1, reading=Reading(workers=1), **plain)
     assert np.array_equal(kept.filter.a, read.filter.a)
     assert kept.loop.tracking == read.loop.tracking
 
@@ -170,7 +180,7 @@ def test_the_filter_learned_for_tracking_tracks_better_on_another_record():
     speed = np.cumsum(H * f) + noise
     log = Recording.from_arrays(x=speed[:, None], dt=H, label=f[:, None])
     found = [
-        learn(log, 2, form="general", wiener=False, loop=LoopGoal(Loop(delay=H, **LOOP), cost=cost))
+        learn(log, 2, loop=LoopGoal(Loop(delay=H, **LOOP), cost=cost), shape="general")
         for cost in ("estimation", "tracking")
     ]
     assert found[1].loop.tracking < 0.9 * found[1].loop.tracking_of_estimator

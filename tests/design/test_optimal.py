@@ -6,17 +6,15 @@ from scipy.optimize import linprog
 from scipy.signal import residue
 
 import phyfilter_ctl as pf
-from phyfilter_ctl import Bounded, Gaussian, error_bound, gauss_markov
+from phyfilter_ctl import Bounded, Gaussian, error_bound, gauss_markov, trade_off
 from phyfilter_ctl.analysis import error_variance
 from phyfilter_ctl.design.optimal import (
-    bound_trade_off,
     error_floor,
     kalman_filter,
     kalman_variance,
     least_bound,
     least_variance,
     residual_statistics,
-    variance_trade_off,
 )
 from phyfilter_ctl.design.optimal.floor import _fastest_motion
 from phyfilter_ctl.design.optimal.shapes import at_speed
@@ -43,7 +41,7 @@ def test_no_second_order_filter_on_a_grid_is_better(type, k):
     w0 = np.sqrt(found.filter.a[0])
     for damping in np.linspace(0.3, 1.6, 14):
         for speed in w0 * np.geomspace(0.5, 2.0, 15):
-            other = pf.place_poles(np.roots([1.0, 2 * damping * speed, speed**2]), numerator=type)
+            other = pf.place_poles(np.roots([1.0, 2 * damping * speed, speed**2]), type=type)
             assert (
                 error_bound(other, Bounded({k: 30.0}, noise=0.01)).bound >= (1 - SEARCH) * found.bound.bound
             )
@@ -167,7 +165,7 @@ def test_gains_in_the_search_with_poles_ten_thousand_apart():
     height = (np.exp(-slow * peak) - np.exp(-fast * peak)) / (fast - slow)
     assert gains.following[0] == pytest.approx(2.0 * damping, rel=1e-4)
     assert gains.noise[0] == pytest.approx(2.0 * height, rel=1e-4)
-    assert gains.prior[0] == pytest.approx(1.0, rel=1e-4)
+    assert gains.inertia[0] == pytest.approx(1.0, rel=1e-4)
 
 
 @pytest.mark.slow
@@ -185,14 +183,37 @@ def test_limits_hold_and_are_named():
 
 
 def test_trade_off_is_a_front_of_best_designs():
-    curve = bound_trade_off(2, residual={1: 8.0}, noise=0.01, points=21)
-    assert np.all(np.diff(curve.following) < 0.0)
-    assert np.all(np.diff(curve.noise) > 0.0)
-    assert curve.following[curve.best] + curve.noise[curve.best] == pytest.approx(0.67463, abs=1e-4)
-    for i in (0, 10, 20):
-        bound = error_bound(curve.filters[i], Bounded({1: 8.0}, noise=0.01))
-        assert (bound.intrinsic, bound.noise) == pytest.approx((curve.following[i], curve.noise[i]), rel=1e-6)
+    """All best designs for one bounded derivative have one shape: its parts scale as 1/w and w."""
+    found, factors = least_bound(2, residual={1: 8.0}, noise=0.01), np.geomspace(0.1, 10.0, 21)
+    bounds = Bounded({1: 8.0}, noise=0.01)
+    curve = trade_off(found.filter.faster, factors, cost=lambda filter: error_bound(filter, bounds))
+    assert curve.label == "bound"
+    np.testing.assert_allclose(curve.costs["residual"], found.bound.intrinsic / factors, rtol=1e-6)
+    np.testing.assert_allclose(curve.costs["noise"], found.bound.noise * factors, rtol=1e-6)
+    assert curve.best == curve.results[10] == found.filter.faster(1.0)
+    assert sum(curve.costs.values())[10] == pytest.approx(0.67463, abs=1e-4)
     assert curve.plot().axes.shape == (1, 1)
+
+
+def test_trade_off_takes_what_has_an_error():
+    limits = [0.1, 0.2]
+    found = trade_off(lambda n: least_bound(1, residual={1: 8.0}, noise=0.01, noise_limit=n), limits)
+    np.testing.assert_allclose(found.costs["noise"], limits, rtol=1e-6)
+    assert found.best is found.results[1]
+    kinds = trade_off(lambda n: {"a": n, "b": -2.0 * n, "c": 0.0}, limits)
+    assert kinds.best == kinds.results[1]
+    with pytest.raises(ValueError, match="one or two to plot"):
+        kinds.plot()
+    alone = trade_off(lambda n: n if n < 0.2 else float("nan"), limits, label="Limit")
+    assert alone.best == 0.1
+    assert alone.plot().axes[0, 0].get_xlabel() == "Limit"
+    assert trade_off(lambda n: float("nan"), limits).best is None
+    with pytest.raises(TypeError, match="design: expected what has an error"):
+        trade_off(lambda n: "none", limits)
+    with pytest.raises(ValueError, match="same names"):
+        trade_off(lambda n: {str(n): n}, limits)
+    with pytest.raises(ValueError, match="values"):
+        trade_off(lambda n: n, [np.nan])
 
 
 @pytest.mark.parametrize("tau", [0.05, 0.5, 50.0])
@@ -243,9 +264,12 @@ def test_the_sampled_kalman_variance_against_its_own_recursion():
 
 
 def test_trade_off_of_variances():
-    curve = variance_trade_off(2, residual=PROCESS, noise=0.01, dt=0.01, points=11)
-    assert np.all(np.diff(curve.noise) > 0.0)
-    assert curve.best not in (0, 10)
+    best = least_variance(2, residual=PROCESS, noise=0.01, dt=0.01).filter
+    data, factors = Gaussian(PROCESS, noise=0.01), np.geomspace(0.1, 10.0, 11)
+    curve = trade_off(best.faster, factors, cost=lambda filter: error_variance(filter.sampled(0.01), data))
+    assert curve.label == "standard deviation"
+    assert np.all(np.diff(curve.costs["noise"]) > 0.0)
+    assert curve.best in curve.results[1:-1]
 
 
 def test_step_mean_spectrum_is_the_transform_of_the_covariance():
@@ -313,7 +337,6 @@ def test_peaks_and_their_share():
         (lambda: least_bound(1, residual={1: 1.0}, noise=0.1, accept=lambda f: False), "every speed"),
         (lambda: least_variance(1, residual=PROCESS, noise=0.1), "infinite variance"),
         (lambda: least_variance(2, residual=PROCESS, noise=0.0), "positive"),
-        (lambda: bound_trade_off(2, residual={0: 1.0, 1: 1.0}, noise=0.1), "one bounded"),
         (
             lambda: residual_statistics(pf.Recording.from_arrays(x=np.arange(50.0)[:, None], dt=0.1)),
             "200 samples",

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from phyfilter_ctl import PhyFilter
-from phyfilter_ctl.design import bandpass, hz, lowpass, numerator_of_type, place_poles
+from phyfilter_ctl.design import bandpass, hz, lowpass, place_poles
 from phyfilter_ctl.design.placement import _ITAE, Family
 
 # Poles to coefficients and back, a root finder stopped at 1e-15: n <= 8 roundings each.
@@ -74,7 +74,7 @@ def test_natural_norm_sets_a0(family: Family) -> None:
 
 @pytest.mark.parametrize("kind", [1, 2, 3])
 def test_cutoff_with_a_numerator(kind: int) -> None:
-    filter = lowpass(3, 11.0, family="butterworth", numerator=kind)
+    filter = lowpass(3, 11.0, family="butterworth", type=kind)
     omega = np.linspace(0.0, 11.0, 400)[:-1]
     assert filter.type == kind
     assert abs(abs(filter(11j)) - np.sqrt(0.5)) < EXACT
@@ -133,14 +133,15 @@ def test_itae_is_close_to_published_corrections(order: int) -> None:
 @settings(max_examples=60, deadline=None)
 def test_type_k(poles: list[float], data: st.DataObject) -> None:
     kind = data.draw(st.integers(1, len(poles)))
-    filter = place_poles([-p for p in poles], numerator=kind)
+    filter = place_poles([-p for p in poles], type=kind)
     assert filter.type == kind
-    np.testing.assert_array_equal(filter.b, numerator_of_type(filter.a, kind))
+    np.testing.assert_array_equal(filter.b[:kind], filter.a[:kind])
+    assert not filter.b[kind:].any()
     np.testing.assert_array_equal(np.sort(filter.poles.real), np.sort(-np.array(poles)))
 
 
 def test_type_n_is_denominator_without_its_head() -> None:
-    filter = place_poles([-5, -5, -9], numerator=3)
+    filter = place_poles([-5, -5, -9], type=3)
     s = np.array([0.3j, 2.0 + 1.0j])
     np.testing.assert_allclose(filter.error(s), s**3 / ((s + 5) ** 2 * (s + 9)), rtol=EXACT)
 
@@ -155,7 +156,7 @@ def test_type_n_is_denominator_without_its_head() -> None:
 def test_internal_model_zeros(scale: float, kind: int, ratios: list[float], extra: int) -> None:
     order = kind + 2 * len(ratios) + extra
     frequencies = scale * np.array(ratios)
-    filter = place_poles(np.full(order, -scale), numerator=kind, zeros_at=frequencies)
+    filter = place_poles(np.full(order, -scale), type=kind, zeros_at=frequencies)
     assert filter.type == kind
     # Each a_i - b_i is rounded to eps a_i, and |sum a_i s^i| / |D(s)| is at most sqrt(2)^n here.
     assert np.all(np.abs(filter.error(1j * frequencies)) < 2.0 ** (order / 2) * 1e-14)
@@ -174,7 +175,7 @@ def test_internal_model_follows_a_sine() -> None:
 
 
 def test_lowpass_numerator_with_zeros_is_type_one() -> None:
-    assert place_poles([-3.0] * 3, zeros_at=[2.0]) == place_poles([-3.0] * 3, numerator=1, zeros_at=2.0)
+    assert place_poles([-3.0] * 3, zeros_at=[2.0]) == place_poles([-3.0] * 3, type=1, zeros_at=2.0)
 
 
 def test_coefficients_are_taken_as_they_are() -> None:
@@ -226,8 +227,7 @@ def test_half_power_by_another_route() -> None:
         (lambda: lowpass(2, float("nan")), "cutoff: expected a positive frequency"),
         (lambda: lowpass(2, 1.0, family="chebyshev"), "binomial, butterworth, bessel, itae, got 'chebyshev'"),
         (lambda: lowpass(2, 1.0, norm="delay"), 'norm: expected "magnitude" or "natural"'),
-        (lambda: lowpass(2, 1.0, numerator=3), r"can have type 1 \.\.\. 2, got 3; type 3 needs 3 poles"),
-        (lambda: lowpass(2, 1.0, numerator=[1.0, 2.0]), r'numerator: expected "lowpass" or a type'),
+        (lambda: lowpass(2, 1.0, type=3), r"can have type 1 \.\.\. 2, got 3; type 3 needs 3 poles"),
         (lambda: bandpass(3, 1.0, 2.0), "even order .*, got 3; use 2 or 4"),
         (lambda: bandpass(1, 1.0, 2.0), "even order .*, got 1; use 2"),
         (lambda: bandpass(2, 2.0, 2.0), "expected low < high, got 2 and 2"),
@@ -237,14 +237,16 @@ def test_half_power_by_another_route() -> None:
         (lambda: place_poles([-1.0, 2.0]), "not Hurwitz: pole 2"),
         (lambda: place_poles([-1 + 1j]), "no conjugate"),
         (lambda: place_poles([]), "at least one pole"),
-        (lambda: place_poles([-1.0], numerator="highpass"), "numerator: expected"),
-        (lambda: place_poles([-1.0, -2.0], numerator=0), r"type 1 \.\.\. 2, got 0"),
+        (lambda: place_poles([-1.0, -2.0], type=0), r"type 1 \.\.\. 2, got 0"),
         (lambda: place_poles([-1.0, -2.0], numerator=[1.0]), r"numerator: expected shape \(2,\), got \(1,\)"),
-        (lambda: place_poles([-1.0] * 3, numerator=2, zeros_at=[1.0]), r"need order 2 \+ 2 x 1 = 4, got 3"),
+        (lambda: place_poles([-1.0] * 3, type=2, zeros_at=[1.0]), r"need order 2 \+ 2 x 1 = 4, got 3"),
         (lambda: place_poles([-1.0] * 3, numerator=[1.0, 0.0, 0.0], zeros_at=[1.0]), "give one of the two"),
         (lambda: place_poles([-1.0] * 3, zeros_at=[0.0]), "expected positive frequencies"),
         (lambda: place_poles([-1.0] * 5, zeros_at=[2.0, 2.0]), "distinct"),
-        (lambda: numerator_of_type([], 1), r"a: expected shape \(n,\), got \(0,\)"),
+        (
+            lambda: place_poles([-1.0] * 2, type=2, numerator=[1.0, 0.0]),
+            "type: the zeros .* give one of the two",
+        ),
     ],
 )
 def test_refusals(call, message: str) -> None:
@@ -299,3 +301,10 @@ def test_lead_keeps_the_poles_and_without_one_nothing_changes(order: int) -> Non
     np.testing.assert_array_equal(bandpass(order, 4.0, 9.0, dt=0.0, delay=0.0).b, plain.b)
     assert ahead(6j) == pytest.approx(np.exp(6j * 0.02), rel=1e-12)
     assert ahead(0.0) == pytest.approx(-5.0 * np.sin(0.12) / 6.0 if order == 2 else 0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("kind", [1.0, "highpass", [1.0, 2.0]])
+def test_a_type_is_an_integer(kind: object) -> None:
+    for make in (lambda: place_poles([-1.0], type=kind), lambda: lowpass(2, 1.0, type=kind)):  # type: ignore[arg-type]
+        with pytest.raises(TypeError, match="type: expected an integer"):
+            make()

@@ -319,3 +319,36 @@ def test_between_refuses_what_is_no_signal():
         between(ct.tf(PLANT), "u[0]", "y[0]")
     with pytest.raises(ValueError, match=r"u0: expected shape \(1,\), got \(2,\)"):
         between(unity(), "plant.u", "y", u0=[1.0, 2.0])
+
+
+def vectors(*, nested: bool) -> ct.InterconnectedSystem:
+    """Two coupled axes: forces u[0], u[1] from velocities v[0], v[1] that a matrix brings back."""
+    plant = ct.ss(
+        -np.eye(2), np.eye(2), np.eye(2), 0.0, inputs=["u[0]", "u[1]"], outputs=["v[0]", "v[1]"], name="axes"
+    )
+    gain = ct.ss(
+        [], [], [], [[-2.0, 0.5], [0.3, -1.0]], inputs=["v[0]", "v[1]"], outputs=["u[0]", "u[1]"], name="law"
+    )
+    loop = ct.interconnect([plant, gain], inputs=["u[0]", "u[1]"], outputs=["v[0]", "v[1]"], name="inside")
+    if not nested:
+        return loop
+    return ct.interconnect([loop], inputs=["u[0]", "u[1]"], outputs=["v[0]", "v[1]"], name="outside")
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_a_vector_is_opened_whole(nested: bool):
+    diagram, block = vectors(nested=nested), "inside.axes" if nested else "axes"
+    named = [f"{block}.u[0]", f"{block}.u[1]"]
+    # L = -K G with the law K and the axes 1/(s + 1).
+    whole = open_loop(diagram, f"{block}.u")
+    np.testing.assert_allclose(whole(2.0j), np.array([[2.0, -0.5], [-0.3, 1.0]]) / (2.0j + 1.0), rtol=CLOSE)
+    assert margins(diagram, at=f"{block}.u").modulus_margin == margins(diagram, at=named).modulus_margin
+    # The two ends of a signal of the diagram itself, and of one of its blocks; one element alone.
+    through = between(diagram, "u", [f"{block}.v", "v[1]"])
+    assert through.output_labels == [*(f"{block}.v[{i}]".replace(".", "_") for i in range(2)), "v[1]"]
+    closed = np.linalg.inv((2.0j + 1.0) * np.eye(2) - np.array([[-2.0, 0.5], [0.3, -1.0]]))
+    np.testing.assert_allclose(through(2.0j), closed[[0, 1, 1]], rtol=CLOSE)
+    with pytest.raises(ValueError, match="different signals"):
+        margins(diagram, at=[f"{block}.u", f"{block}.u[0]"])
+    with pytest.raises(ValueError, match="no such signal"):
+        margins(diagram, at=f"{block}.w")

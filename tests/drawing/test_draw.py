@@ -10,7 +10,7 @@ import pytest
 import phyfilter_ctl as pf
 from phyfilter_ctl.drawing import Drawing
 from phyfilter_ctl.filter import stack
-from phyfilter_ctl.fmi import Wire, describe, write_ssp
+from phyfilter_ctl.fmi import System, Wire, describe, write_ssp
 
 LEVEL = 1e-6  # px: what rounding in the layout leaves of a straight line
 
@@ -396,7 +396,7 @@ def test_fmus_and_packages_are_drawn_from_their_descriptions(tmp_path):
         assert [entry.name for entry in pf.draw(source).nodes] == ["u (input)", "robot", "y (output)"]
     wires = [Wire("robot.u", "control.u"), Wire("control.e", "robot.y")]
     package = tmp_path / "loop.ssp"
-    write_ssp(package, parts, wires, outputs={"y": "robot.y"})
+    write_ssp(System(parts, wires, outputs={"y": "robot.y"}), package)
     picture = pf.draw(package)
     assert {entry.name for entry in picture.nodes} == {"control", "robot", "y (output)"}
     assert {(w.source[0], w.targets) for w in picture.wires} >= {("control", (("robot", "u"),))}

@@ -7,8 +7,8 @@ import pytest
 from fmpy.ssp.ssd import read_ssd
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.fmi import Wire, write_ssp
-from phyfilter_ctl.fmi.ssp_read import opened_ssp
+from phyfilter_ctl.fmi import System, Wire, write_ssp
+from phyfilter_ctl.fmi.ssp_read import read_package
 from tests.drawing.checker import faults
 
 VARIABLE = '<ScalarVariable name="{name}" valueReference="{k}" causality="{kind}"><Real{unit}{start}/></ScalarVariable>'
@@ -62,10 +62,10 @@ def random_package(folder, seed, parts):
 @pytest.mark.parametrize("seed", range(8))
 def test_what_is_written_is_drawn_again_without_a_fault(tmp_path, seed):
     fmus, wires, inputs, outputs = random_package(tmp_path, seed, 2 + seed)
-    path = write_ssp(tmp_path / "x.ssp", fmus, wires, inputs=inputs, outputs=outputs)
+    path = write_ssp(System(fmus, wires, inputs=inputs, outputs=outputs), tmp_path / "x.ssp")
     read_ssd(str(path), validate=True)
-    with opened_ssp(path) as found:
-        assert found.geometry is not None
+    found = read_package(path)
+    assert found.geometry is not None
     picture = pf.draw(path)
     assert faults(picture) == []
     assert {entry.name for entry in picture.nodes if entry.kind == "block"} == fmus.keys()
@@ -86,16 +86,16 @@ def port(picture, label):
 def test_a_package_of_a_diagram_has_the_places_of_its_drawing(tmp_path):
     fmus = {"a": fmu(tmp_path, "a", ["u"], ["y"]), "b": fmu(tmp_path, "b", ["u"], ["y"])}
     wires = [Wire("b.u", "a.y"), Wire("a.u", "b.y")]
-    path = write_ssp(tmp_path / "x.ssp", fmus, wires, outputs={"z": "a.y"})
+    path = write_ssp(System(fmus, wires, outputs={"z": "a.y"}), tmp_path / "x.ssp")
     given, own = (
         {entry.name: np.array(entry.box) for entry in pf.draw(path, **options).nodes}
         for options in ({}, {"outputs": "border"})
     )
     assert np.allclose(given["b"] - given["a"], own["b"] - own["a"], atol=WRITTEN)
     # Names of signals that stand in an annotation alone have no place: the layout draws them.
-    write_ssp(tmp_path / "y.ssp", fmus, wires, outputs={"z": "a.y"}, system_connectors=False)
-    with opened_ssp(tmp_path / "y.ssp") as found:
-        assert found.geometry is None
+    write_ssp(System(fmus, wires, outputs={"z": "a.y"}), tmp_path / "y.ssp", system_connectors=False)
+    found = read_package(tmp_path / "y.ssp")
+    assert found.geometry is None
     assert "z (output)" in {entry.name for entry in pf.draw(tmp_path / "y.ssp").nodes}
     text = zipfile.ZipFile(tmp_path / "y.ssp").read("SystemStructure.ssd").decode()
     assert text.count("<ssd:ElementGeometry") == 2
@@ -219,15 +219,15 @@ def test_small_boxes_are_drawn_larger_until_their_names_fit(tmp_path):
 )  # fmt: skip
 def test_places_that_cannot_be_drawn_are_left_to_the_layout(tmp_path, changes):
     path = foreign(tmp_path, **changes)
-    with opened_ssp(path) as found:
-        assert found.geometry is None
+    found = read_package(path)
+    assert found.geometry is None
     assert {"a", "b", "inner.c"} <= {entry.name for entry in pf.draw(path).nodes}
 
 
 def test_without_a_canvas_it_is_what_the_elements_take(tmp_path):
-    with opened_ssp(foreign(tmp_path, canvas="")) as found:
-        assert found.geometry is not None
-        assert found.geometry.canvas == (20, 0, 140, 40)
+    found = read_package(foreign(tmp_path, canvas=""))
+    assert found.geometry is not None
+    assert found.geometry.canvas == (20, 0, 140, 40)
 
 
 def test_entries_of_one_vector_at_two_places_are_two_terminals(tmp_path):

@@ -11,7 +11,7 @@ from scipy.linalg import lstsq
 from scipy.signal import lfilter
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.baselines import MomentumObserver
+from phyfilter_ctl.baselines import MomentumObserver, compare
 from phyfilter_ctl.estimation.smoothing import rauch_tung_striebel
 from phyfilter_ctl.estimation.spectrum import noise_level
 from phyfilter_ctl.estimation.steps import steps_of
@@ -263,7 +263,7 @@ def test_a_six_line_momentum_observer_is_as_good_on_a_known_arm() -> None:
     ours = MomentumObserver(gain, dt).run(log.x, log.g)[:, 0]
     errors = [np.sqrt(np.mean((each - contact) ** 2)) for each in (residual, ours)]
     assert errors[1] == pytest.approx(errors[0], rel=0.1)
-    found = pf.compare_estimators(log, pf.PhyFilter([gain]), max_evaluations=5)
+    found = compare(log, pf.PhyFilter([gain]), max_evaluations=5)
     name = next(name for name in found.rmse if name.startswith("momentum observer"))
     assert found.ratio[name].value < 1.05
     assert found.against == "the label"
@@ -272,7 +272,7 @@ def test_a_six_line_momentum_observer_is_as_good_on_a_known_arm() -> None:
 @pytest.mark.slow
 def test_comparison_without_a_label() -> None:
     log = flight(0.01, seconds=8.0).with_signals(label=None)
-    found = pf.compare_estimators(log, max_evaluations=5)
+    found = compare(log, max_evaluations=5)
     assert found.rmse["difference"] > found.rmse["filter"]
     assert set(found.ratio) | {"filter"} == set(found.rmse) == set(found.tuned)
     assert "filter" in found.verdict

@@ -10,7 +10,6 @@ from scipy.signal.windows import tukey
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.estimation.levels import separate
-from phyfilter_ctl.estimation.noise import known_noise, measurement_noise
 from phyfilter_ctl.estimation.prediction import ahead
 from phyfilter_ctl.estimation.spectrum import SHARED
 from phyfilter_ctl.estimation.steps import steps_of
@@ -65,7 +64,7 @@ def test_noise_of_f_hat_beside_its_impulse_response() -> None:
     log, pole = flight(0.01, seconds=4.0), 0.7
     sampled = pf.lowpass(2, 30.0, family="butterworth").sampled(H)
     r = 0.01**2 * pole ** np.arange(400.0)
-    found = pf.estimate(log, sampled, noise=known_noise(covariance=r[:60]))
+    found = pf.estimate(log, sampled, noise=pf.Noise.known(covariance=r[:60]))
     step = np.zeros((2000, 1))
     step[1:] = H
     phi = sampled.run(np.cumsum(step, axis=0) - step)[
@@ -154,7 +153,7 @@ def test_a_record_without_noise_says_that_none_is_seen() -> None:
 
 def test_noise_at_rest() -> None:
     v = 0.02 * autoregression(0.8, 4000, np.random.default_rng(1))
-    found = measurement_noise(pf.Recording.from_arrays(x=v[:, None] + 3.0, dt=H), start=1.0)
+    found = pf.Noise.at_rest(pf.Recording.from_arrays(x=v[:, None] + 3.0, dt=H), start=1.0)
     assert found.status == "converged"
     assert found.low[0] < 0.02 < found.high[0]
     lags = np.arange(6)
@@ -167,9 +166,9 @@ def test_noise_at_rest() -> None:
 def test_noise_by_spectrum_and_covariance() -> None:
     omega = np.linspace(0.0, np.pi / H, 4000)
     power = 1e-4 * (1.0 - 0.36) / np.abs(1.0 - 0.6 * np.exp(-1j * omega * H)) ** 2 * H / np.pi
-    found = known_noise(spectrum=(omega, power), dt=H)
+    found = pf.Noise.known(spectrum=(omega, power), dt=H)
     np.testing.assert_allclose(found.covariance[:8, 0], 1e-4 * 0.6 ** np.arange(8), rtol=1e-3)
-    again = known_noise(covariance=1e-4 * 0.6 ** np.arange(40))
+    again = pf.Noise.known(covariance=1e-4 * 0.6 ** np.arange(40))
     np.testing.assert_allclose(again.value, found.value, rtol=1e-4)
 
 
@@ -186,17 +185,17 @@ def test_noise_by_spectrum_and_covariance() -> None:
 )
 def test_noise_that_is_none_is_refused(arguments: dict[str, object], words: str) -> None:
     with pytest.raises((ValueError, TypeError), match=words):
-        known_noise(**arguments)  # type: ignore[arg-type]
+        pf.Noise.known(**arguments)  # type: ignore[arg-type]
 
 
 def test_a_stretch_that_shows_no_noise_is_refused() -> None:
     log = flight(0.01, seconds=1.0)
     with pytest.raises(ValueError, match="at least 50 samples"):
-        measurement_noise(log, end=0.1)
+        pf.Noise.at_rest(log, end=0.1)
     with pytest.raises(ValueError, match="for 1 or 1 channels"):
         pf.estimate(log, noise=[1.0, 2.0])
     with pytest.raises(ValueError, match="noise in them"):
-        measurement_noise(pf.Recording.from_arrays(x=np.ones((100, 1)), dt=H))
+        pf.Noise.at_rest(pf.Recording.from_arrays(x=np.ones((100, 1)), dt=H))
 
 
 @pytest.mark.slow

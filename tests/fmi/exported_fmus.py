@@ -14,7 +14,7 @@ from fmpy.fmi1 import FMICallException
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.codegen import find_compiler
-from phyfilter_ctl.fmi.export import export_fmu
+from phyfilter_ctl.fmi import FmuPorts, export_fmu
 
 FOLDER = Path(tempfile.mkdtemp(prefix="exported_fmus_"))
 atexit.register(shutil.rmtree, FOLDER, ignore_errors=True)
@@ -71,9 +71,9 @@ def closed_loop():
 
 
 SYSTEMS = {
-    "sampled": lambda: (FILTER.sampled(PERIOD), {"channels": 3}),
-    "fixed": lambda: (GENERAL.sampled(PERIOD), {"channels": 2, "rate": "fixed"}),
-    "continuous": lambda: (GENERAL, {"channels": 2}),
+    "sampled": lambda: (FILTER.sampled(PERIOD, channels=3), {}),
+    "fixed": lambda: (GENERAL.sampled(PERIOD, channels=2), {"rate": "fixed"}),
+    "continuous": lambda: (GENERAL, {"ports": FmuPorts(channels=2)}),
     "oscillator": lambda: (oscillator(), {}),
     "loop": lambda: (closed_loop(), {}),
 }

@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 
-from phyfilter_ctl.fmi import cosimulate, master
+from phyfilter_ctl.fmi import Master, System, cosimulate, master
 
 WIRES = [("a.place", "d.x"), ("b.place", "a.x"), ("c.place", "b.x"), ("d.place", "c.x")]
 compile_as_usual = master.cached_library
@@ -17,7 +17,7 @@ def run(parts, change, **options):
 
     master._library.cache_clear()
     master.cached_library = sanitized
-    found = cosimulate(parts, WIRES, timepts=np.linspace(0.0, 0.3, 4), step=0.001, **options)
+    found = cosimulate(System(parts, WIRES), np.linspace(0.0, 0.3, 4), master=Master(0.001, **options))
     assert found.master == "C"
     return found.outputs
 

@@ -10,9 +10,10 @@ import pytest
 from scipy.linalg import expm
 
 from phyfilter_ctl.cli import main
-from phyfilter_ctl.fmi import FmuError, Wire, cosimulate, import_fmu
+from phyfilter_ctl.fmi import Fmu, FmuError, Master, System, Wire, cosimulate, import_fmu
 from phyfilter_ctl.fmi.cosimulation_parts import SystemPart
 from phyfilter_ctl.fmi.cosimulation_wiring import wire_up
+from tests.fmi.stepping import with_master
 
 M, K, D, C = 2.0, 8.0, 0.4, 3.0
 T = np.linspace(0.0, 2.0, 21)
@@ -39,8 +40,8 @@ def system(name):
 
 
 def run(parts, **options):
-    given = {"timepts": T, "parameters": START, "outputs": SHOWN} | options
-    return cosimulate(parts, COUPLED, **given)
+    given = {"parameters": START, "outputs": SHOWN} | options
+    return cosimulate(System(parts, COUPLED), given.pop("timepts", T), **with_master(given))
 
 
 @pytest.mark.parametrize("scheme", ["jacobi", "gauss-seidel"])
@@ -83,7 +84,7 @@ def test_same_as_a_loop_by_hand(build, scheme):
     assert np.max(np.abs(mixed.outputs - expected)) < INTEGRATED
     blocks = {
         "a": import_fmu(build(), kind="cs", step=0.1),
-        "b": import_fmu(build(kinds="me"), parameters={"x": -0.5}),
+        "b": import_fmu(Fmu(build(kinds="me"), parameters={"x": -0.5})),
     }
     given = {"step": 0.02, "scheme": scheme, "parameters": {}, "initial_state": {"b": [-0.5, 0.2]}}
     assert np.max(np.abs(run(blocks, **given).outputs - expected)) < INTEGRATED
@@ -144,11 +145,10 @@ def test_what_a_rejected_step_handed_on_is_handed_on_again():
         lambda t, x, u, p: [u[0]], lambda t, x, u, p: [x[0]], inputs="u", outputs="y", states=1, name="sum"
     )
     found = cosimulate(
-        {"a": switch, "b": sum_},
-        [("b.u", "a.y")],
-        timepts=np.linspace(0.0, 1.0, 6),
-        tolerance=1e-3,
+        System({"a": switch, "b": sum_}, [("b.u", "a.y")]),
+        np.linspace(0.0, 1.0, 6),
         outputs=["b.y"],
+        master=Master(tolerance=1e-3),
     )
     assert found.rejected > 0
     assert found.outputs[0, -1] == pytest.approx(0.55, abs=2e-3)
@@ -168,19 +168,18 @@ def test_arrays_and_inputs_from_outside(build):
     places = np.array([0.1, -0.2])
     source = ct.ss([], [], [], np.eye(2), inputs=2, outputs=["p[0]", "p[1]"], name="source")
     whole = cosimulate(
-        {"three": build("3.0"), "source": source},
-        [("three.place", "source.p")],
-        timepts=T,
-        step=0.01,
+        System({"three": build("3.0"), "source": source}, [("three.place", "source.p")]),
+        T,
         inputs={"source.u[0]": 0.1, "source.u[1]": lambda t: -0.2},
         outputs=["three.x[0]", "three.x[1]"],
+        master=Master(0.01),
     )
     direct = cosimulate(
         {"three": build("3.0")},
-        timepts=T,
-        step=0.01,
+        T,
         inputs={"three.place[0]": 0.1, "three.place[1]": np.full(len(T), -0.2)},
         outputs=["three.x[0]", "three.x[1]"],
+        master=Master(0.01),
     )
     assert np.array_equal(whole.outputs, direct.outputs)
     assert direct.input_labels == ["three.place[0]", "three.place[1]"]
@@ -195,10 +194,9 @@ def test_outside_inputs_pass_through_parts_without_delay(first):
     """A moving signal through a static block acts as if it were wired straight, in any order of the parts."""
     front = {"front": ct.ss([], [], [], [[1.0]], inputs="e", outputs="u", name="front")}
     lag = {"lag": ct.ss([[-2.0]], [[2.0]], [[1.0]], [[0.0]], inputs="u", outputs="y", name="lag")}
-    given = {"timepts": T, "step": 0.01, "outputs": ["lag.y"]}
+    given = {"timepts": T, "master": Master(0.01), "outputs": ["lag.y"]}
     through = cosimulate(
-        front | lag if first else lag | front,
-        [("lag.u", "front.u")],
+        System(front | lag if first else lag | front, [("lag.u", "front.u")]),
         inputs={"front.e": np.sin(3.0 * T)},
         **given,
     )
@@ -211,12 +209,14 @@ def test_sums_signs_and_direct_feedthrough(build):
     double = ct.ss([], [], [], [[2.0]], inputs="e", outputs="u", name="double")
     summed = ct.ss([], [], [], [[1.0]], inputs="e", outputs="u", name="sum")
     found = cosimulate(
-        {"sum": summed, "double": double, "mass": build()},
-        [("double.e", "mass.force"), ("sum.e", "double.u", "-mass.x", "mass.v")],
-        timepts=T,
-        step=0.01,
+        System(
+            {"sum": summed, "double": double, "mass": build()},
+            [("double.e", "mass.force"), ("sum.e", "double.u", "-mass.x", "mass.v")],
+        ),
+        T,
         inputs={"mass.place": np.sin(T)},
         outputs=["sum.u", "mass.x", "mass.v", "mass.force"],
+        master=Master(0.01),
     )
     u, x, v, force = found.outputs
     assert np.allclose(u, 2.0 * force - x + v, rtol=0.0, atol=1e-12)
@@ -226,9 +226,8 @@ def test_sums_signs_and_direct_feedthrough(build):
 
 def test_offset_and_gain_of_a_wire(build):
     found = cosimulate(
-        {"a": build(), "b": build()},
-        [Wire("b.place", "a.x", gain=-2.0, offset=0.5)],
-        timepts=T,
+        System({"a": build(), "b": build()}, [Wire("b.place", "a.x", gain=-2.0, offset=0.5)]),
+        T,
         outputs=["a.x", "b.x", "b.force"],
     )
     a, b, force = found.outputs
@@ -239,22 +238,22 @@ def test_discrete_parts(build):
     """An integrator at 0.05 s: its updates fit into the steps, or the run is refused."""
     accumulate = ct.ss([[1.0]], [[1.0]], [[1.0]], [[0.0]], 0.05, inputs="e", outputs="u", name="accumulate")
     parts = {"mass": build(), "sum": accumulate}
-    found = cosimulate(parts, [("sum.e", "mass.x")], timepts=T, outputs=["sum.u", "mass.x"])
+    found = cosimulate(System(parts, [("sum.e", "mass.x")]), T, outputs=["sum.u", "mass.x"])
     total, x = found.outputs
     assert np.allclose(np.diff(total), 2.0 * x[:-1], atol=1e-12)
     with pytest.raises(ValueError, match=r"sum: communication steps must be multiples of 0.05 s, got 0.02"):
-        cosimulate(parts, [("sum.e", "mass.x")], timepts=T, step=0.02)
+        cosimulate(System(parts, [("sum.e", "mass.x")]), T, master=Master(0.02))
 
 
 def test_units(build):
     metres, newtons = build(), build(unit="N")
     with pytest.raises(ValueError, match=r"'b.place' is in N and 'a.x' in m: they measure different things"):
-        cosimulate({"a": metres, "b": newtons}, [("b.place", "a.x")], timepts=T)
+        cosimulate(System({"a": metres, "b": newtons}, [("b.place", "a.x")]), T)
     with pytest.warns(UserWarning, match="measure different things"):
-        cosimulate({"a": metres, "b": newtons}, [("b.place", "a.x")], timepts=T, units="warn")
+        cosimulate(System({"a": metres, "b": newtons}, [("b.place", "a.x")], units="warn"), T)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        cosimulate({"a": metres, "b": newtons}, [("b.place", "a.x")], timepts=T, units="ignore")
+        cosimulate(System({"a": metres, "b": newtons}, [("b.place", "a.x")], units="ignore"), T)
 
 
 def test_units_of_one_dimension_are_converted(build):
@@ -262,12 +261,13 @@ def test_units_of_one_dimension_are_converted(build):
     parts = {"a": build(), "b": build(unit="thou")}
     given = {"timepts": T, "outputs": ["a.x", "b.x", "b.force"]}
     with pytest.raises(ValueError, match=r"differ by a factor of 39370.1 and by 19685. .* units=\"convert\""):
-        cosimulate(parts, [("b.place", "a.x")], **given)
-    found = cosimulate(parts, [Wire("b.place", "a.x", gain=2.0, offset=7.0)], units="convert", **given)
+        cosimulate(System(parts, [("b.place", "a.x")]), **given)
+    wired = System(parts, [Wire("b.place", "a.x", gain=2.0, offset=7.0)], units="convert")
+    found = cosimulate(wired, **given)
     place = 2.0 * (found.outputs[0] + 0.5) / 2.54e-5 + 7.0
     assert np.allclose(found.outputs[2], C * (place - found.outputs[1]), rtol=1e-12)
     with pytest.raises(ValueError, match="measure different things"):
-        cosimulate({"a": build(), "b": build(unit="N")}, [("b.place", "a.x")], timepts=T, units="convert")
+        cosimulate(System({"a": build(), "b": build(unit="N")}, [("b.place", "a.x")], units="convert"), T)
 
 
 @pytest.mark.parametrize(
@@ -317,7 +317,7 @@ class Static(SystemPart):
 )
 def test_wrong_connections(build, connections, message):
     with pytest.raises(ValueError, match=message):
-        cosimulate({"a": build(), "b": build()}, connections, timepts=T, units="ignore")
+        cosimulate(System({"a": build(), "b": build()}, connections, units="ignore"), T)
 
 
 @pytest.mark.parametrize(
@@ -383,11 +383,10 @@ def test_a_tolerance_that_cannot_be_kept(build):
     """An input that jumps: across the jump only a step of 1e-15 s would do."""
     found = cosimulate(
         {"mass": build()},
-        timepts=np.linspace(0.0, 1.0, 5),
+        np.linspace(0.0, 1.0, 5),
         inputs={"mass.place": lambda t: 1e6 * (t > 0.3)},
-        tolerance=1e-9,
-        step=1e-3,
         outputs=["mass.v"],
+        master=Master(1e-3, tolerance=1e-9),
     )
     assert not found.success
     assert "at t = 0.3: loosen the tolerance, or look for a jump in a signal" in found.message

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from test_cosimulation import COUPLED, SHOWN, START, T, exact
 
-from phyfilter_ctl.fmi import cosimulate, export_fmu
+from phyfilter_ctl.fmi import Master, System, cosimulate, export_fmu
 from phyfilter_ctl.fmi.cosimulation_run import Run
 
 # Halving the step of a method of order two divides the error by four, to this.
@@ -14,7 +14,8 @@ ORDER_TWO = 0.1
 
 def errors(parts, wires, start, shown, steps, **options):
     found = (
-        cosimulate(parts, wires, timepts=T, step=h, parameters=start, outputs=shown, **options) for h in steps
+        cosimulate(System(parts, wires), T, parameters=start, outputs=shown, master=Master(h, **options))
+        for h in steps
     )
     return [float(np.max(np.abs(run.outputs - exact()))) for run in found]
 
@@ -47,18 +48,16 @@ def test_second_order_convergence(build, scheme, second):
 def test_lines_from_outside_are_followed_exactly(build):
     """Between two results an array is a line: the FMU that follows it needs no short steps, the one that holds does."""
     ramp = {"timepts": T, "inputs": {"a.place": 0.3 * T}, "outputs": ["a.x"]}
-    fine = cosimulate({"a": build(interpolates=True)}, step=0.0005, hold="first", **ramp).outputs
+    fine = cosimulate({"a": build(interpolates=True)}, master=Master(0.0005, hold="first"), **ramp).outputs
     # x'' = (-(k + c) x - d x' + c 0.3 t) / m, and the ramp as a state beside it.
     A = [[0.0, 1.0, 0.0], [-5.5, -0.2, 1.5], [0.0, 0.0, 0.0]]
     system = ct.ss(A, [[0.0], [0.0], [1.0]], [[1.0, 0.0, 0.0]], [[0.0]])
     expected = ct.forced_response(system, T, 0.3 * np.ones(len(T)), [1.0, 0.0, 0.0]).outputs
     integrated = 1e-9  # Runge-Kutta steps of 1 ms
     assert np.max(np.abs(fine - expected)) < integrated
-    assert (
-        np.max(np.abs(cosimulate({"a": build(interpolates=True)}, hold="first", **ramp).outputs - expected))
-        < integrated
-    )
-    middle = cosimulate({"a": build()}, hold="first", **ramp).outputs
+    followed = cosimulate({"a": build(interpolates=True)}, master=Master(hold="first"), **ramp).outputs
+    assert np.max(np.abs(followed - expected)) < integrated
+    middle = cosimulate({"a": build()}, master=Master(hold="first"), **ramp).outputs
     held = cosimulate({"a": build()}, **ramp).outputs
     assert np.max(np.abs(middle - expected)) < 0.02 * np.max(np.abs(held - expected))
 
@@ -71,7 +70,7 @@ def test_exported_fmus_follow_lines(tmp_path):
     expected = T - 0.5 * (1.0 - np.exp(-2.0 * T))
     integrated = 1e-6
     for options in ({}, {"tolerance": 1e-3}):
-        found = cosimulate({"lag": path}, timepts=T, inputs={"lag.u": T}, hold="first", **options)
+        found = cosimulate({"lag": path}, T, inputs={"lag.u": T}, master=Master(hold="first", **options))
         assert np.max(np.abs(found.outputs[0] - expected)) < integrated
     held = cosimulate({"lag": path}, timepts=T, inputs={"lag.u": T})
     assert np.max(np.abs(held.outputs[0] - expected)) > 0.04
@@ -83,8 +82,10 @@ def test_step_control_makes_fewer_steps(build, in_c, monkeypatch):
     """Slopes are taken back as well. The same tolerance: a quarter of the steps, a tenth of the error."""
     monkeypatch.setattr(Run, "in_c", in_c)
     pair = {"a": build(interpolates=True), "b": build()}
-    options = {"timepts": T, "parameters": START, "outputs": SHOWN, "tolerance": 1e-5}
-    first, zero = (cosimulate(pair, COUPLED, hold=hold, **options) for hold in ("first", "zero"))
+    wired, options = System(pair, COUPLED, parameters=START), {"timepts": T, "outputs": SHOWN}
+    first, zero = (
+        cosimulate(wired, master=Master(hold=hold, tolerance=1e-5), **options) for hold in ("first", "zero")
+    )
     assert first.rejected > 0
     assert first.steps < zero.steps / 3.0
     assert np.max(np.abs(first.outputs - exact())) < 0.1 * np.max(np.abs(zero.outputs - exact()))
@@ -96,15 +97,11 @@ def test_feedthrough_sees_the_end_of_the_line(build):
     lag = {"lag": ct.ss([[-2.0]], [[2.0]], [[1.0]], [[0.0]], inputs="u", outputs="y", name="lag")}
     found = {
         h: cosimulate(
-            {"a": build(interpolates=True)} | lag,
-            [("lag.u", "a.force")],
-            timepts=T,
-            step=h,
+            System({"a": build(interpolates=True)} | lag, [("lag.u", "a.force")], units="ignore"),
+            T,
             inputs={"a.place": np.sin(3.0 * T)},
             outputs=["lag.y"],
-            scheme="gauss-seidel",
-            hold="first",
-            units="ignore",
+            master=Master(h, scheme="gauss-seidel", hold="first"),
         ).outputs
         for h in (0.02, 0.01, 0.005, 0.00125)
     }
@@ -119,10 +116,10 @@ def test_discrete_systems_hold(build):
     runs = [
         cosimulate(
             {"a": build(), "sums": sums},
-            timepts=T,
+            T,
             inputs={"sums.u": T},
             outputs=["sums.y"],
-            hold=hold,
+            master=Master(hold=hold),
         )
         for hold in ("zero", "first")
     ]
@@ -134,4 +131,4 @@ def test_discrete_systems_hold(build):
 
 def test_hold_is_checked(build):
     with pytest.raises(ValueError, match='hold: expected "zero" or "first", got \'second\''):
-        cosimulate({"a": build()}, timepts=T, hold="second")
+        cosimulate({"a": build()}, T, master=Master(hold="second"))

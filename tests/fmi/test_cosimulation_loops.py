@@ -4,7 +4,7 @@ import control as ct
 import numpy as np
 import pytest
 
-from phyfilter_ctl.fmi import cosimulate
+from phyfilter_ctl.fmi import Master, System, cosimulate
 from phyfilter_ctl.fmi.cosimulation_parts import FmuPart, make_part
 
 T = np.linspace(0.0, 1.0, 5)
@@ -28,7 +28,9 @@ def test_linear_loops(gains, scheme):
     a, b = gains
     parts = {"a": static(a, "a"), "b": static(b, "b"), "r": static(1.0, "r")}
     wires = [("a.e", "b.u", "r.u"), ("b.e", "a.u")]
-    found = cosimulate(parts, wires, timepts=T, inputs={"r.e": 1.0 + T}, scheme=scheme, outputs=["a.u"])
+    found = cosimulate(
+        System(parts, wires), T, inputs={"r.e": 1.0 + T}, outputs=["a.u"], master=Master(scheme=scheme)
+    )
     assert found.success
     assert np.allclose(found.outputs[0], a / (1.0 - a * b) * (1.0 + T), rtol=SOLVED, atol=0.0)
 
@@ -41,7 +43,7 @@ def test_one_loop_behind_another():
     }
     wires = [("e.e", "d.u"), ("d.e", "c.u", "d.u"), ("c.e", "b.u"), ("b.e", "a.u"), ("a.e", "r.u", "a.u")]
     found = cosimulate(
-        parts | {"r": static(1.0, "r")}, wires, timepts=T, inputs={"r.e": np.sin(T)}, outputs=["e.u"]
+        System(parts | {"r": static(1.0, "r")}, wires), T, inputs={"r.e": np.sin(T)}, outputs=["e.u"]
     )
     assert np.allclose(
         found.outputs[0], 7.0 * (-4.0 / 5.0) * 15.0 * (-2.0 / 3.0) * np.sin(T), rtol=SOLVED, atol=1e-12
@@ -49,7 +51,7 @@ def test_one_loop_behind_another():
 
 
 def test_a_nonlinear_loop():
-    found = cosimulate({"c": function(np.cos, "c")}, [("c.e", "c.u")], timepts=T)
+    found = cosimulate(System({"c": function(np.cos, "c")}, [("c.e", "c.u")]), T)
     assert np.allclose(found.outputs, 0.7390851332151607, rtol=0.0, atol=SOLVED)  # Dottie's number
 
 
@@ -58,22 +60,21 @@ def test_a_gain_of_one_is_refused(gains):
     parts = {"a": static(gains[0], "a"), "b": static(gains[1], "b"), "r": static(1.0, "r")}
     wires = [("a.e", "b.u", "r.u"), ("b.e", "a.u")]
     with pytest.raises(ValueError, match=r"algebraic loop through a\.e, b\.e at t = 0: its gain is one"):
-        cosimulate(parts, wires, timepts=T, inputs={"r.e": 1.0})
+        cosimulate(System(parts, wires), T, inputs={"r.e": 1.0})
 
 
 def test_a_loop_without_a_solution_is_refused():
     relay = function(lambda u: -np.sign(u - 0.3), "relay")
     with pytest.raises(ValueError, match=r"through relay\.e at t = 0: no solution was found"):
-        cosimulate({"relay": relay}, [("relay.e", "relay.u")], timepts=T)
+        cosimulate(System({"relay": relay}, [("relay.e", "relay.u")]), T)
 
 
 def test_a_solution_that_goes_away_is_no_success():
     """u = u^2 + d has none beyond d = 1/4, at t = 0.5."""
     square = function(lambda u: u**2, "square")
     found = cosimulate(
-        {"square": square, "d": static(1.0, "d")},
-        [("square.e", "square.u", "d.u")],
-        timepts=np.linspace(0.0, 1.0, 11),
+        System({"square": square, "d": static(1.0, "d")}, [("square.e", "square.u", "d.u")]),
+        np.linspace(0.0, 1.0, 11),
         inputs={"d.e": lambda t: 0.5 * t},
         outputs=["square.u"],
     )
@@ -100,7 +101,7 @@ def test_an_fmu_on_its_own_force(build, fmi, options):
     """place = force = c (place - x), so place = c x / (c - 1)."""
     path = build(fmi, **options)
     own = [("a.place", "a.force")]
-    found = cosimulate({"a": path}, own, timepts=T, step=0.05, units="ignore")
+    found = cosimulate(System({"a": path}, own, units="ignore"), T, master=Master(0.05))
     x, _, force = (found.outputs[i] for i in ((0, 1, 2) if fmi == "2.0" else (0, 2, 4)))
     assert np.allclose(force, C * x / (C - 1.0), rtol=SOLVED, atol=1e-12)
 
@@ -128,9 +129,11 @@ def test_slopes_of_parts(build):
 def test_a_loop_that_is_only_declared_is_none(build):
     """Where nothing is said every output counts as passing every input through; the run is that of one that says it."""
     wires = [("a.place", "b.force", "b.x"), ("b.place", "a.x")]
-    options = {"timepts": T, "step": 0.01, "units": "ignore"}
+    options = {"timepts": T, "master": Master(0.01)}
     runs = [
-        cosimulate({"a": build(declared=declared), "b": build(declared=declared)}, wires, **options)
+        cosimulate(
+            System({name: build(declared=declared) for name in "ab"}, wires, units="ignore"), **options
+        )
         for declared in (True, None)
     ]
     assert np.allclose(runs[0].outputs, runs[1].outputs, rtol=SOLVED, atol=SOLVED)
@@ -139,8 +142,13 @@ def test_a_loop_that_is_only_declared_is_none(build):
 @pytest.mark.slow
 def test_a_loop_under_step_control(build):
     own = [("a.place", "a.force")]
-    found = cosimulate({"a": build()}, own, timepts=T, tolerance=1e-3, units="ignore")
+    found = cosimulate(System({"a": build()}, own, units="ignore"), T, master=Master(tolerance=1e-3))
     assert found.success
     assert np.allclose(found.outputs[2], C * found.outputs[0] / (C - 1.0), rtol=SOLVED, atol=1e-12)
     with pytest.raises(ValueError, match="its gain is one"):
-        cosimulate({"a": build()}, own, timepts=T, parameters={"a.c": 1.0}, units="ignore", tolerance=1e-3)
+        cosimulate(
+            System({"a": build()}, own, units="ignore"),
+            T,
+            parameters={"a.c": 1.0},
+            master=Master(tolerance=1e-3),
+        )

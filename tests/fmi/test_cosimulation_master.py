@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 from foreign_fmus import oscillator
 
-from phyfilter_ctl.fmi import FmuError, cosimulate, import_fmu
+from phyfilter_ctl.fmi import Fmu, FmuError, Master, System, cosimulate, import_fmu
 from phyfilter_ctl.fmi.cosimulation_run import Run
 from phyfilter_ctl.fmi.master import FastMaster
+from tests.fmi.stepping import with_master
 
 T = np.linspace(0.0, 2.0, 21)
 RING = [
@@ -41,9 +42,10 @@ def both(monkeypatch):
         monkeypatch.setattr(
             FastMaster, "over", lambda self, *given: (made.append(self), build(self, *given))[1]
         )
-        compiled = cosimulate(parts, wires, timepts=T, **options)
+        system = System(parts, wires, units=options.pop("units", "raise"))
+        compiled = cosimulate(system, T, **with_master(options))
         monkeypatch.setattr(Run, "in_c", False)
-        plain = cosimulate(parts, wires, timepts=T, **options)
+        plain = cosimulate(system, T, **with_master(options))
         monkeypatch.undo()
         assert len(made) == 1
         return compiled, plain
@@ -84,7 +86,7 @@ def test_the_failing_part_is_named(parts, tmp_path, threads):
     broken = oscillator(tmp_path, defines=("FAIL_AT=0.35",))
     wires = [("a.place", "b.x"), ("b.place", "a.x")]
     with pytest.raises(FmuError, match=r"FMU 'b': fmi2DoStep: error: at t = 0.3; .*spring broke at t = 0.3"):
-        cosimulate({"a": parts["a"], "b": broken}, wires, timepts=T, threads=threads)
+        cosimulate(System({"a": parts["a"], "b": broken}, wires), T, master=Master(threads=threads))
 
 
 def test_without_a_compiler(parts, monkeypatch):
@@ -96,7 +98,7 @@ def test_without_a_compiler(parts, monkeypatch):
 
 def test_threads_are_checked(parts):
     with pytest.raises(ValueError, match="threads: expected at least 1, got 0"):
-        cosimulate({"a": parts["a"]}, timepts=T, threads=0)
+        cosimulate({"a": parts["a"]}, T, master=Master(threads=0))
 
 
 def test_long_intervals_are_run_in_pieces(parts, both, monkeypatch):
@@ -210,7 +212,7 @@ def test_errors_pass_through_c(parts):
 
     broken = ct.nlsys(rate, None, inputs="u", states=1, name="broken")
     with pytest.raises(KeyError, match="no table of winds"):
-        cosimulate({"a": parts["a"], "broken": broken}, [("broken.u", "a.x")], timepts=T)
+        cosimulate(System({"a": parts["a"], "broken": broken}, [("broken.u", "a.x")]), T)
 
 
 @pytest.mark.slow
@@ -229,7 +231,7 @@ def test_fmus_that_c_must_not_call(build, both):
         {
             "a": build(),
             "typed": typed,
-            "ours": import_fmu(build(interpolates=True), kind="cs", isolated=True),
+            "ours": import_fmu(Fmu(build(interpolates=True), isolated=True), kind="cs"),
         },
         [("a.place", "ours.x"), ("ours.place", "typed.x[0]"), ("typed.place[0]", "a.x")],
         step=0.02,
@@ -247,6 +249,6 @@ def test_nothing_is_called_after_a_fatal_error(tmp_path, monkeypatch):
     for in_c in (True, False):
         monkeypatch.setattr(Run, "in_c", in_c)
         with pytest.raises(FmuError, match="fmi2DoStep: fatal: at t = ") as caught:
-            cosimulate({"a": path}, timepts=T, tolerance=1e-2)
+            cosimulate({"a": path}, T, master=Master(tolerance=1e-2))
         assert caught.value.results is not None
         assert not any("after a fatal" in message for message in caught.value.results.messages["a"])

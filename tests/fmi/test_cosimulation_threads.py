@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from foreign_fmus import oscillator
 
-from phyfilter_ctl.fmi import cosimulate, export_fmu
+from phyfilter_ctl.fmi import Master, System, cosimulate, export_fmu
 
 T = np.linspace(0.0, 0.5, 6)
 
@@ -33,7 +33,8 @@ def test_to_the_bit(tmp_path, build):
     wires += [("c.place[1]", "b.y"), ("bend.u", "c.x[1]"), ("d.u", "bend.y", "-c.x[0]")]
     for options in ({"step": 0.002}, {"step": 0.002, "hold": "first"}):
         runs = [
-            cosimulate(parts, wires, timepts=T, threads=threads, **options) for threads in (1, 2, 3, 6, 6)
+            cosimulate(System(parts, wires), T, master=Master(threads=threads, **options))
+            for threads in (1, 2, 3, 6, 6)
         ]
         assert all(np.array_equal(run.outputs, runs[0].outputs) for run in runs[1:])
 

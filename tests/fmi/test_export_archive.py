@@ -26,6 +26,7 @@ from phyfilter_ctl._units import unit_definition
 from phyfilter_ctl.blocks.functions import BlockFunctions, Variable
 from phyfilter_ctl.codegen import CompilerError
 from phyfilter_ctl.codegen.diagram_source import diagram_model
+from phyfilter_ctl.fmi import FmuPorts
 from phyfilter_ctl.fmi.build import build_binaries
 from phyfilter_ctl.fmi.description import FmuExperiment, FmuSolver, fmu_interface
 from phyfilter_ctl.fmi.description_xml import model_description
@@ -51,9 +52,9 @@ def digest(path):
 @pytest.mark.parametrize("fmi", BUILT)
 def test_two_builds_are_identical(tmp_path, fmi):
     sampled = FILTER.sampled(PERIOD)
-    first = export_fmu(sampled, tmp_path / "a.fmu", channels=3, fmi=fmi)
+    first = export_fmu(sampled, tmp_path / "a.fmu", fmi=fmi, ports=FmuPorts(channels=3))
     (tmp_path / "elsewhere").mkdir()
-    second = export_fmu(sampled, tmp_path / "elsewhere" / "b.fmu", channels=3, fmi=fmi)
+    second = export_fmu(sampled, tmp_path / "elsewhere" / "b.fmu", fmi=fmi, ports=FmuPorts(channels=3))
     assert digest(first) == digest(second)
     assert first.stat().st_size < LARGEST
     assert os.listdir(tmp_path / "elsewhere") == ["b.fmu"]  # nothing left behind
@@ -85,10 +86,8 @@ def test_token_follows_the_content(tmp_path):
         return fmpy.read_model_description(str(path)).guid
 
     assert token(FILTER) == token(FILTER)
-    assert (
-        len({token(FILTER), token(FILTER.faster(2.0)), token(FILTER, arrays=False), token(FILTER, fmi="2.0")})
-        == 4
-    )
+    scalars = token(FILTER, ports=FmuPorts(arrays=False))
+    assert len({token(FILTER), token(FILTER.faster(2.0)), scalars, token(FILTER, fmi="2.0")}) == 4
 
 
 def test_entries_are_sorted_and_without_dates():
@@ -285,8 +284,8 @@ def test_bounds_are_those_declared_and_no_others(tmp_path):
     ]
     for fmi in VERSIONS:
         for system, bounds in expected:
-            more = {"channels": 2} if system is sampled else {}
-            path = export_fmu(system, tmp_path / "a.fmu", fmi=fmi, platforms=(), **more)
+            ports = FmuPorts(channels=2) if system is sampled else None
+            path = export_fmu(system, tmp_path / "a.fmu", fmi=fmi, platforms=(), ports=ports)
             assert validate_fmu(str(path)) == []
             variables = fmpy.read_model_description(str(path)).modelVariables
             found = {v.name.partition("[")[0]: (v.min, v.max) for v in variables}
@@ -386,7 +385,7 @@ def test_step_at_which_euler_diverges_is_discarded(tmp_path):
 @pytest.mark.slow
 def test_single_precision_filter(tmp_path):
     sampled = FILTER.sampled(PERIOD, precision="float32")
-    path = export_fmu(sampled, tmp_path / "a.fmu", channels=2, compiler=quick_compiler())
+    path = export_fmu(sampled, tmp_path / "a.fmu", compiler=quick_compiler(), ports=FmuPorts(channels=2))
     x = np.random.default_rng(1).normal(size=(50, 2)).cumsum(axis=0) * 0.01
     with Instance(path) as fmu:
         fmu.start(x=x[0])
@@ -401,9 +400,11 @@ def test_single_precision_filter(tmp_path):
 
 
 def test_signals_name_channels_and_units(tmp_path):
-    signals = pf.Signals(["x", "y"], unit_x="m/s", unit_g="m/s^2", unit_f="m/s^2")
+    units = {"x": "m/s", "g": "m/s^2", "f": "m/s^2"}
     bank = [FILTER, pf.PhyFilter([1000.0, 300.0, 30.0])]
-    path = export_fmu(bank, tmp_path / "a.fmu", signals=signals, platforms=())
+    path = export_fmu(
+        bank, tmp_path / "a.fmu", platforms=(), ports=FmuPorts(channels=["x", "y"], units=units)
+    )
     assert validate_fmu(str(path)) == []
     variables = {v.name: v for v in fmpy.read_model_description(str(path)).modelVariables}
     assert variables["x"].unit == "m/s"
@@ -425,7 +426,7 @@ def test_options_that_make_no_sense(tmp_path):
     with pytest.raises(ValueError, match="kinds: expected"):
         export_fmu(FILTER, path, kinds=())
     with pytest.raises(ValueError, match="channels belongs to filters"):
-        export_fmu(oscillator(), path, channels=2)
+        export_fmu(oscillator(), path, ports=FmuPorts(channels=2))
     with pytest.raises(ValueError, match="rate="):
         export_fmu(oscillator(), path, rate="fixed")
     with pytest.raises(TypeError, match="expected a filter or a python-control system"):
@@ -494,7 +495,11 @@ def test_diverging_model_is_discarded(tmp_path):
 
     system = pf.plant(explode, states={"x": 1.0}, inputs={})
     path = export_fmu(
-        system, tmp_path / "a.fmu", name="explode", compiler=quick_compiler(), solver=FmuSolver("adaptive")
+        system,
+        tmp_path / "a.fmu",
+        name="explode",
+        compiler=quick_compiler(),
+        experiment=FmuExperiment(solver=FmuSolver("adaptive")),
     )
     with Instance(path) as fmu:
         fmu.start()

@@ -6,10 +6,11 @@ import pytest
 from exported_fmus import FILTER, GENERAL, PERIOD, Instance, quick_compiler, refused
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.fmi import check, cosimulate, export_fmu, import_fmu
+from phyfilter_ctl.fmi import Fmu, FmuPorts, check, cosimulate, export_fmu, import_fmu
 
 MOST = 6
-OPTIONS = {"continuous": {}, "sampled": {"inertia": "diagonal"}, "fixed": {"rate": "fixed", "clocks": True}}
+RATES = {"fixed": "fixed"}
+PORTS = {"continuous": {}, "sampled": {"inertia": "diagonal"}, "fixed": {"clocks": True}}
 SYSTEMS = {"continuous": GENERAL, "sampled": FILTER.sampled(PERIOD), "fixed": GENERAL.sampled(PERIOD)}
 T = np.linspace(0.0, 0.04, 21)
 
@@ -22,8 +23,9 @@ def folder(tmp_path_factory):
 def made(folder, name, channels, most=None):
     path = folder / f"{name}_{channels}_{most}.fmu"
     if not path.exists():
-        options = {"compiler": quick_compiler(), "name": "wing", **OPTIONS[name]}
-        export_fmu(SYSTEMS[name], path, channels=channels, max_channels=most, **options)
+        ports = FmuPorts(channels=channels, max_channels=most, **PORTS[name])
+        rate = RATES.get(name, "communication")
+        export_fmu(SYSTEMS[name], path, compiler=quick_compiler(), name="wing", rate=rate, ports=ports)
     return path
 
 
@@ -53,7 +55,7 @@ def test_as_the_fmu_of_so_many_channels(folder, name, n):
 @pytest.mark.parametrize("n", [1, 4])
 def test_model_exchange(folder, n):
     path = made(folder, "continuous", 4, MOST)
-    block = import_fmu(path, kind="me", parameters={"channels": n})
+    block = import_fmu(Fmu(path, parameters={"channels": n}), kind="me")
     other = import_fmu(made(folder, "continuous", n), kind="me")
     assert (block.nstates, block.ninputs) == (3 * n, 3 * n)
     u = np.vstack([np.sin((1.0 + i) * T) for i in range(3 * n)])
@@ -76,7 +78,7 @@ def test_ticked_by_the_importer(folder):
         {"fmu": path}, timepts=T, inputs={f"fmu.{label}": values for label, values in given.items()},
         parameters={"fmu.channels": 3},
     )  # fmt: skip
-    block = import_fmu(path, kind="me", parameters={"channels": 3})
+    block = import_fmu(Fmu(path, parameters={"channels": 3}), kind="me")
     rest = np.zeros(len(T))
     exchanged = pf.simulate(block, T, np.array([given.get(label, rest) for label in block.input_labels]))
     x, g = (np.column_stack([given[f"{s}[{i}]"] for i in range(3)]) for s in "xg")
@@ -152,8 +154,10 @@ def test_what_cannot_have_channels_to_choose(tmp_path):
         (sampled, {"inertia": "full"}, "an inertia that is one number"),
         (sampled, {"inertia": [1.0, 2.0]}, "an inertia that is one number"),
         (sampled, {"channels": 7}, "1 <= channels <= max_channels .* got 7 and 6"),
-        (sampled, {"signals": pf.Signals(["a", "b"])}, "channels without names"),
+        (sampled, {"channels": ["a", "b"]}, "channels without names"),
     ):
+        fmi = options.pop("fmi", "3.0")
+        ports = FmuPorts(max_channels=MOST, **options)
         with pytest.raises(ValueError, match=f"max_channels needs {message}"):
-            export_fmu(system, tmp_path / "no.fmu", max_channels=MOST, platforms=(), **options)
+            export_fmu(system, tmp_path / "no.fmu", fmi=fmi, platforms=(), ports=ports)
     assert not list(tmp_path.iterdir())

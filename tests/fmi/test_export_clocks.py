@@ -20,8 +20,8 @@ from exported_fmus import (
 from fmpy import fmi3
 from fmpy.validation import validate_fmu
 
-from phyfilter_ctl.codegen.filter_model import filter_model
-from phyfilter_ctl.fmi import check, cosimulate, import_fmu
+from phyfilter_ctl.codegen.filter_cmodel import filter_model
+from phyfilter_ctl.fmi import FmuPorts, check, cosimulate, import_fmu
 from phyfilter_ctl.fmi.description import fmu_interface
 from phyfilter_ctl.fmi.export import export_fmu
 from phyfilter_ctl.simulation import simulate
@@ -33,7 +33,7 @@ LOOP = {"clock.law": 0.02, "clock.observer": 0.005}
 
 def clocked():
     flags = ("-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Werror")
-    return exported("loop", "3.0", clocks=True, compiler=(*quick_compiler(), *flags))
+    return exported("loop", "3.0", ports=FmuPorts(clocks=True), compiler=(*quick_compiler(), *flags))
 
 
 def tick(fmu, t, periods):
@@ -219,7 +219,7 @@ def test_clocks_that_there_cannot_be(tmp_path):
         (oscillator(), {}, "instants of its own"),
     ):
         with pytest.raises(ValueError, match=message):
-            export_fmu(system, tmp_path / "a.fmu", clocks=True, **options)
+            export_fmu(system, tmp_path / "a.fmu", ports=FmuPorts(clocks=True), **options)
     model = filter_model(sampled, 2, name="fixed", rate="fixed")
     variables = fmu_interface(model, clocks=True).variables
     clock = next(i for i, v in enumerate(variables) if v.kind == "clock")

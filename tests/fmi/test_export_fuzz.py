@@ -13,9 +13,10 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.codegen import CompilerError, compile_sources
+from phyfilter_ctl.codegen import CompilerError
+from phyfilter_ctl.codegen.compiler import compile_sources
 from phyfilter_ctl.fmi.channels import with_channels
-from phyfilter_ctl.fmi.description import FmuSolver, fmu_interface
+from phyfilter_ctl.fmi.description import FmuExperiment, FmuSolver, fmu_interface
 from phyfilter_ctl.fmi.export import _c_model
 from phyfilter_ctl.fmi.glue import fmi_headers, fmu_sources
 from tests.cpu_budget import release_but
@@ -46,10 +47,12 @@ def fuzzer(name, fmi):
     if isinstance(system, ct.InputOutputSystem) and not isinstance(system, pf.PhyFilter):
         system = pf.flatten(system)
     model, _ = _c_model(
-        system, "fuzzed", options.get("channels"), None, options.get("rate", "communication"), None
+        system, "fuzzed", options.get("channels"), None, options.get("rate", "communication"), (), None
     )
     # Long steps are legal; few pieces keep them short.
-    interface = fmu_interface(model, fmi=fmi, solver=FmuSolver("rk4", 0.005), clocks=name == "clocks")
+    interface = fmu_interface(
+        model, fmi=fmi, experiment=FmuExperiment(solver=FmuSolver("rk4", 0.005)), clocks=name == "clocks"
+    )
     if name == "channels":  # room for 2
         interface = with_channels(interface, 1)
     sources = {**fmi_headers(fmi), **fmu_sources(interface, "fuzz"), "fuzz.h": (HERE / "fuzz.h").read_text()}

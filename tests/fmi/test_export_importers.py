@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from exported_fmus import FILTER, PERIOD, Instance, exported
 
-from phyfilter_ctl.fmi import cosimulate
+from phyfilter_ctl.fmi import FmuPorts, cosimulate
 
 SCRIPT = Path(__file__).parent / "run_importer.py"
 IMPORTERS = {"cosim": "libcosimpy", "ecos": "ecospy"}
@@ -48,7 +48,7 @@ def test_sampled_filter(importer, fmi):
     x = np.cumsum(rng.normal(0.0, 0.01, (40, 3)), axis=0)
     g = rng.normal(size=(40, 3))
     inputs = {f"{s}[{i}]": v[:, i].tolist() for s, v in (("x", x), ("g", g)) for i in range(3)}
-    path = exported("sampled", fmi, arrays=False)
+    path = exported("sampled", fmi, ports=FmuPorts(arrays=False))
     found = run(importer, path, PERIOD, inputs, [f"f_hat[{i}]" for i in range(3)])
     # The first sample is taken at the start, on the start values of the inputs.
     expected = FILTER.sampled(PERIOD).run(np.vstack([np.zeros((1, 3)), x]), np.vstack([np.zeros((1, 3)), g]))[
@@ -66,7 +66,7 @@ def test_arrays_and_scalars_are_one_model_in_every_host():
     outputs = [f"f_hat[{i}]" for i in range(3)]
     found = {}
     for arrays in (True, False):
-        path = exported("sampled", "3.0", arrays=arrays)
+        path = exported("sampled", "3.0", ports=FmuPorts(arrays=arrays))
         own = cosimulate(
             {"fmu": path}, timepts=times, inputs={f"fmu.{name}": values for name, values in signals.items()},
             outputs=[f"fmu.{name}" for name in outputs],
@@ -89,7 +89,7 @@ def test_arrays_and_scalars_are_one_model_in_every_host():
     # FMPy sets the inputs of a step at its start, and reads outputs before the next ones are set.
     np.testing.assert_allclose(found["fmpy", True][1:], found["own", True][1:], rtol=0, atol=ROUNDING)
     inputs = {name: values[:-1].tolist() for name, values in signals.items()}
-    in_ecos = run("ecos", exported("sampled", "3.0", arrays=False), PERIOD, inputs, outputs)
+    in_ecos = run("ecos", exported("sampled", "3.0", ports=FmuPorts(arrays=False)), PERIOD, inputs, outputs)
     np.testing.assert_allclose(in_ecos, found["fmpy", False][1:], rtol=0, atol=ROUNDING)
 
 
@@ -100,7 +100,7 @@ def test_arrays_and_scalars_are_one_model_in_every_host():
 ])  # fmt: skip
 def test_models(importer, fmi, name, signals, outputs):
     """The same steps as through FMPy's wrappers."""
-    path = exported(name, fmi, arrays=False)
+    path = exported(name, fmi, ports=FmuPorts(arrays=False))
     inputs = {signal: [value] * 30 for signal, value in signals.items()}
     found = run(importer, path, 0.005, inputs, outputs)
     with Instance(path) as fmu:

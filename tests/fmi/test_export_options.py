@@ -6,6 +6,7 @@ from exported_fmus import PERIOD, Instance, closed_loop, described, exported, qu
 from fmpy.validation import validate_fmu
 
 import phyfilter_ctl as pf
+from phyfilter_ctl.fmi import FmuPorts
 from phyfilter_ctl.fmi.export import export_fmu
 from tests.cpu_budget import slow_but
 
@@ -66,10 +67,9 @@ def test_options_are_those_of_python(case, tmp_path):
         sampled,
         tmp_path / "a.fmu",
         fmi=fmi,
-        channels=3,
-        inertia=inertia,
         name="options",
         compiler=quick_compiler(),
+        ports=FmuPorts(channels=3, inertia=inertia),
     )
     expected = sampled.run(x, g, f_theta, inertia=value)
     with Instance(path) as fmu:
@@ -90,7 +90,9 @@ def test_options_are_those_of_python(case, tmp_path):
 def test_recorded_signals_are_those_of_the_simulation(fmi):
     """Outputs and inputs of blocks as local variables, in both kinds; what was there before stays as it was."""
     inside = ("plant.thrust", "law.u", "observer.f_hat[0]", "observer.x[0]")
-    path = exported("loop", fmi, record=("plant.thrust", "law.?", "observer.*[0]"), clocks=fmi == "3.0")
+    path = exported(
+        "loop", fmi, ports=FmuPorts(record=("plant.thrust", "law.?", "observer.*[0]"), clocks=fmi == "3.0")
+    )
     bare = {v.name for v in described(exported("loop", fmi)).modelVariables}
     found = {v.name: v for v in described(path).modelVariables}
     assert {found[name].causality for name in inside} == {"local"}
@@ -119,4 +121,4 @@ def test_records_that_there_cannot_be(tmp_path):
     with pytest.raises(TypeError, match="the text 'plant'"):
         pf.diagram.flatten(closed_loop(), record="plant")
     with pytest.raises(ValueError, match="record belongs to diagrams"):
-        export_fmu(GENERAL, tmp_path / "a.fmu", record=["f_hat"])
+        export_fmu(GENERAL, tmp_path / "a.fmu", ports=FmuPorts(record=["f_hat"]))

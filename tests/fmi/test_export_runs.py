@@ -20,7 +20,8 @@ from lxml import etree
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from phyfilter_ctl.fmi.description import FmuSolver
+from phyfilter_ctl.fmi import FmuPorts
+from phyfilter_ctl.fmi.description import FmuExperiment, FmuSolver
 from tests.cpu_budget import slow_but
 
 VERSIONS = ("2.0", "3.0")
@@ -159,7 +160,11 @@ def test_communication_steps_do_not_matter(fmi, steps):
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_adaptive_solver_keeps_its_tolerance(fmi):
     for rtol in (1e-4, 1e-10):
-        path = exported("oscillator", fmi, solver=FmuSolver("adaptive", rtol=rtol, atol=rtol * 1e-2))
+        path = exported(
+            "oscillator",
+            fmi,
+            experiment=FmuExperiment(solver=FmuSolver("adaptive", rtol=rtol, atol=rtol * 1e-2)),
+        )
         with Instance(path) as fmu:
             fmu.start()
             for h in (0.7, 1.3):
@@ -298,7 +303,11 @@ def test_inertia_and_options_are_those_of_the_filter(tmp_path):
     f_theta = rng.normal(size=(200, 2))
     inertia = 1.0 + 0.2 * rng.random((200, 3, 3))
     path = export_fmu(
-        sampled, tmp_path / "a.fmu", channels=3, inertia="full", name="rich", compiler=quick_compiler()
+        sampled,
+        tmp_path / "a.fmu",
+        name="rich",
+        compiler=quick_compiler(),
+        ports=FmuPorts(channels=3, inertia="full"),
     )
     x[50, 1] = np.nan  # held over, as the filter's own policy says
     expected = sampled.run(x, g, f_theta, inertia=inertia)

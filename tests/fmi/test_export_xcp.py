@@ -15,6 +15,7 @@ import pytest
 from exported_fmus import FILTER, FOLDER, PERIOD, Instance, oscillator, quick_compiler, unpacked
 
 from phyfilter_ctl import export_fmu
+from phyfilter_ctl.fmi import FmuPorts
 from phyfilter_ctl.fmi.build import PLATFORMS, native_platform
 from phyfilter_ctl.fmi.calibration import load_address
 
@@ -31,7 +32,7 @@ def calibrated(fmi, kind="filter", **options):
     system = FILTER.sampled(PERIOD) if kind == "filter" else oscillator()
     path = FOLDER / f"xcp_{kind}_{fmi[0]}_{len(options)}.fmu"
     options = {"compiler": quick_compiler(), **options}
-    return export_fmu(system, path, fmi=fmi, name="wing", xcp=True, **options)
+    return export_fmu(system, path, fmi=fmi, name="wing", ports=FmuPorts(xcp=True), **options)
 
 
 class Tool:
@@ -181,7 +182,7 @@ def test_another_tool_reads_it(tmp_path):
 
 def test_channels_of_no_fixed_number_have_no_address(tmp_path):
     with pytest.raises(ValueError, match="fixed number of channels"):
-        export_fmu(FILTER.sampled(PERIOD), tmp_path / "a.fmu", max_channels=2, xcp=True)
+        export_fmu(FILTER.sampled(PERIOD), tmp_path / "a.fmu", ports=FmuPorts(max_channels=2, xcp=True))
     assert not list(tmp_path.iterdir())
 
 

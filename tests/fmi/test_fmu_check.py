@@ -3,7 +3,6 @@
 import json
 import subprocess
 import zipfile
-from functools import partial
 
 import control as ct
 import numpy as np
@@ -15,14 +14,19 @@ from foreign_fmus import FOLDERS, compiled, description, oscillator
 
 from phyfilter_ctl import simulate
 from phyfilter_ctl.cli import main
+from phyfilter_ctl.fmi import Fmu, cosimulate, import_fmu
 from phyfilter_ctl.fmi import check as check_apart
-from phyfilter_ctl.fmi import cosimulate, import_fmu
 from phyfilter_ctl.fmi.names import is_structured
-from phyfilter_ctl.fmi.replay import Reference, read_reference, write_reference
+from phyfilter_ctl.fmi.replay import Reference
 
-check = partial(check_apart, isolated=False)  # a process for each is what test_hostile_fmus.py is about
 T = np.linspace(0.0, 1.0, 51)
 M, K, D, C = 2.0, 8.0, 0.4, 3.0
+
+
+def check(path, **chosen):
+    """In this process: one for each is what test_hostile_fmus.py is about."""
+    parameters = chosen.pop("parameters", {})
+    return check_apart(Fmu(path, parameters=parameters, isolated=False), **chosen)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +46,7 @@ def recorded(tmp_path_factory):
     path = tmp_path_factory.mktemp("reference") / "oscillator_out.csv"
     u = np.sin(3 * T)
     x, v, force = held_response(u)
-    write_reference(path, Reference(T, {"place": u}, {"x": x, "v": v, "force": force}))
+    Reference(T, {"place": u}, {"x": x, "v": v, "force": force}).write(path)
     return path
 
 
@@ -131,10 +135,10 @@ def test_replay_of_another_models_record(folder, recorded, tmp_path):
 def test_records_read_back(tmp_path):
     rng = np.random.default_rng(0)
     path = tmp_path / "a_out.csv"
-    write_reference(path, Reference(T, {"u": rng.standard_normal(51)}, {"y[0]": rng.standard_normal(51)}))
-    first = read_reference(path)
-    write_reference(path, first)
-    again = read_reference(path)
+    Reference(T, {"u": rng.standard_normal(51)}, {"y[0]": rng.standard_normal(51)}).write(path)
+    first = Reference.read(path)
+    first.write(path)
+    again = Reference.read(path)
     assert np.array_equal(first.outputs["y[0]"], again.outputs["y[0]"])
     assert np.array_equal(first.inputs["u"], np.random.default_rng(0).standard_normal(51))
     assert path.read_text().splitlines()[0] == '"time","y[0]"'
@@ -154,9 +158,9 @@ def test_records_that_are_none(tmp_path, text, message):
     path = tmp_path / "a_out.csv"
     path.write_text(text)
     with pytest.raises(ValueError, match=message):
-        read_reference(path)
+        Reference.read(path)
     with pytest.raises(ValueError, match=r"expected a file NAME_out\.csv"):
-        read_reference(tmp_path / "a.csv")
+        Reference.read(tmp_path / "a.csv")
     with pytest.raises(ValueError, match='expected "start" or "end"'):
         check(path, inputs_at="middle")  # type: ignore[arg-type]  # the error is the point
 
@@ -243,7 +247,7 @@ def test_the_tolerance_of_the_default_experiment(folder):
     """Of the FMU's own solver: checked, and run, with the one that its maker chose."""
     path = oscillator(folder, name="choosy", defines=("TOLERANCE=1e-6",), kinds="cs")
     assert check(path).ok
-    assert cosimulate({"a": path}, [], timepts=T).success
+    assert cosimulate({"a": path}, T).success
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 from foreign_typed import NUMBERS, typed
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.fmi import cosimulate, import_fmu
+from phyfilter_ctl.fmi import Fmu, Master, System, cosimulate, import_fmu
 from phyfilter_ctl.fmi.cosimulation_run import Run
 
 H = 0.01
@@ -41,14 +41,14 @@ def expected_alone(u):
 def test_alone(build, fmi):
     block = import_fmu(build(fmi), kind="cs", name="mass")
     inputs = np.tile(U, (block.ninputs, 1))
-    found = pf.simulate(block, T, inputs, squeeze=False)
+    found = pf.simulate(block, T, inputs)(squeeze=False)
     assert found.success
     assert found.method == "discrete"
     assert np.max(np.abs(found.outputs[:: block.ninputs] - expected_alone(U))) < INTEGRATED
     there = ct.input_output_response(block, T, inputs, block.start_state)
     assert np.array_equal(there.outputs, found.outputs)
-    assert np.array_equal(pf.simulate(block, T, inputs, squeeze=False).outputs, found.outputs), "a second run"
-    freed = pf.simulate(block, T, squeeze=False).outputs[:: block.ninputs]
+    assert np.array_equal(pf.simulate(block, T, inputs)(squeeze=False).outputs, found.outputs), "a second run"
+    freed = pf.simulate(block, T)(squeeze=False).outputs[:: block.ninputs]
     assert np.max(np.abs(freed - expected_alone(0 * U))) < INTEGRATED, "inputs at their starts"
 
 
@@ -148,10 +148,10 @@ def test_a_batch_has_the_instance_one_run_at_a_time(build):
     inputs = np.stack([[k * U] for k in range(1, 5)])
     flat = pf.flatten(pf.sampled_block(block))
     for system in (block, flat):
-        runs = pf.simulate_batch(system, T, inputs, workers=4)
+        runs = pf.simulate_batch(system, T, inputs, limits={"workers": 4})
         for run, u in zip(runs, inputs, strict=True):
             assert np.max(np.abs(run.outputs - expected_alone(u[0]))) < INTEGRATED
-    stiffer = pf.simulate_batch(flat, T, 0.0, params={"m": [2.0, 1.0]}, workers=2)
+    stiffer = pf.simulate_batch(flat, T, 0.0, params={"m": [2.0, 1.0]}, limits={"workers": 2})
     assert stiffer[0].outputs[0, -1] != stiffer[1].outputs[0, -1], "fixed parameters, set at each start"
 
 
@@ -159,7 +159,7 @@ def test_a_batch_has_the_instance_one_run_at_a_time(build):
 def test_a_run_that_the_fmu_ends(build, fmi):
     """At 0.5 s, the end of a step: its outputs there are recorded, and it refuses inputs from then on."""
     path = build(fmi, defines=("ENDS_ON=0.5",))
-    block = import_fmu(path, kind="cs", name="mass", outputs=["x"])
+    block = import_fmu(Fmu(path, outputs=["x"]), kind="cs", name="mass")
     inputs = np.tile(U, (block.ninputs, 1))
     lag = ct.tf([1.0], [0.3, 1.0], inputs="a", outputs="y", name="lag")
     wired = {
@@ -172,7 +172,7 @@ def test_a_run_that_the_fmu_ends(build, fmi):
     }
     diagram = ct.interconnect([pf.sampled_block(block), lag], **wired)
     for system in (block, diagram):
-        found = pf.simulate(system, T, inputs, squeeze=False)
+        found = pf.simulate(system, T, inputs)(squeeze=False)
         assert not found.success
         assert found.message == "block mass: the FMU asked to end the run at t = 0.5 s"
         assert np.max(np.abs(found.outputs[0, :51] - expected_alone(U)[0, :51])) < INTEGRATED
@@ -190,12 +190,15 @@ def test_a_co_simulation_that_an_fmu_ends(build, fmi, in_c, monkeypatch):
     parts = {"ends": build(fmi, defines=("ENDS_ON=0.5",)), "other": build()}
     x = "ends.x" if fmi == "2.0" else "ends.x[0]"
     for options in ({}, {"scheme": "gauss-seidel"}, {"isolated": True}, {"hold": "first"}):
-        found = cosimulate(parts, [("other.place", x)], timepts=T, outputs=[x, "other.force"], **options)
+        given = dict(options)
+        isolated = given.pop("isolated", None)
+        whole = System({k: Fmu(part, isolated=isolated) for k, part in parts.items()}, [("other.place", x)])
+        found = cosimulate(whole, T, outputs=[x, "other.force"], master=Master(**given))
         assert "the FMU asks to end the run at t = 0.5" in found.message, options
         assert np.isfinite(found.outputs[:, :51]).all(), options
         assert np.isnan(found.outputs[:, 51:]).all(), options
         assert np.max(np.abs(found.outputs[0, :51] - expected_alone(0 * U)[0, :51])) < INTEGRATED
-    controlled = cosimulate(parts, timepts=T[::50], tolerance=1e-5, outputs=[x])
+    controlled = cosimulate(parts, T[::50], outputs=[x], master=Master(tolerance=1e-5))
     assert np.isfinite(controlled.outputs).ravel().tolist() == [True, True, False]
     assert controlled.outputs.ravel()[1] == pytest.approx(expected_alone(0 * U)[0, 50], abs=INTEGRATED)
 
@@ -204,7 +207,7 @@ def test_inputs_that_nothing_drives(tmp_path, build):
     """They keep their starts: that of an enumeration, of an integer, of a Boolean; FMI has no 0 for them."""
     given = {"u_Int32": 7, "u_Boolean": True, "u_Enumeration": 2}
     path = typed(tmp_path)
-    block = import_fmu(path, kind="cs", name="typed", parameters=given)
+    block = import_fmu(Fmu(path, parameters=given), kind="cs", name="typed")
     starts = dict(zip(block.input_labels, block.start_inputs.tolist(), strict=True))
     assert [starts[name] for name in (*given, "a[0]", "a[1]")] == [7.0, 1.0, 2.0, 0.5, 1.0]
     twice = ct.ss([], [], [], [[2.0]], 0.1, inputs="y_Int8", outputs="w", name="twice")
@@ -218,15 +221,15 @@ def test_inputs_that_nothing_drives(tmp_path, build):
     assert found.outputs[0].tolist() == [0.0, 3.0, -4.0, 5.0, 0.0, 1.0]
     assert found.outputs[1].tolist() == [0.0, 6.0, -8.0, 10.0, 0.0, 2.0]
     assert found.outputs[2:].tolist() == [[7.0] * 6, [1.0] * 6, [2.0] * 6]
-    alone = pf.simulate(import_fmu(path, kind="cs"), times, squeeze=False)
+    alone = pf.simulate(import_fmu(path, kind="cs"), times)(squeeze=False)
     assert alone.success
     row = dict(zip(block.output_labels, alone.outputs[:, -1].tolist(), strict=True))
     assert row["y_Enumeration"] == -1.0
     there = ct.input_output_response(import_fmu(path, kind="cs"), times, 0.0, 0.0, squeeze=False)
     assert there.outputs[block.output_labels.index("y_Enumeration")].tolist() == [-1.0] * 6
-    mass = import_fmu(build(), kind="me", name="mass", parameters={"place": 0.25})
+    mass = import_fmu(Fmu(build(), parameters={"place": 0.25}), kind="me", name="mass")
     free = ct.interconnect([mass], outputs="force", check_unused=False)
-    first = pf.simulate(free, T, squeeze=False).outputs[0, 0]
+    first = pf.simulate(free, T)(squeeze=False).outputs[0, 0]
     assert first == pytest.approx(C * (0.25 - 1.0)), "model exchange too"
 
 
@@ -285,10 +288,10 @@ def test_each_block_of_a_diagram_has_its_own_instance(build):
 
 def test_an_input_that_is_no_number_is_not_passed_over(build):
     """It reaches the FMU, whose outputs are no numbers from the next point on."""
-    block = import_fmu(build(), kind="cs", name="mass", outputs=["x"])
+    block = import_fmu(Fmu(build(), outputs=["x"]), kind="cs", name="mass")
     source = ct.nlsys(
         None, lambda t, x, u, p: [np.log(0.305 - t)], inputs=0, outputs="place", name="log", dt=H
     )
-    found = pf.simulate(ct.interconnect([source, block], outputs="x"), T, squeeze=False)
+    found = pf.simulate(ct.interconnect([source, block], outputs="x"), T)(squeeze=False)
     assert not found.success
     assert np.isfinite(found.outputs[0]).tolist() == [k < 32 for k in range(101)]

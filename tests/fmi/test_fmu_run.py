@@ -9,7 +9,7 @@ from foreign_ball import ball
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.cli import main
-from phyfilter_ctl.fmi import cosimulate, describe, import_fmu
+from phyfilter_ctl.fmi import Fmu, cosimulate, describe, import_fmu
 
 T = np.linspace(0.0, 1.0, 11)
 
@@ -24,12 +24,10 @@ def table(path):
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 def test_an_fmu_that_ends_the_run_is_no_failure(build, fmi, tmp_path, capsys):
     path = build(fmi, defines=("ENDS_AT=0.5",))
-    whole = cosimulate({"mass": build(fmi)}, [], timepts=T)
-    block = import_fmu(path, kind="cs", step=0.1, outputs=["x"])  # the loop in Python and the one in C
+    whole = cosimulate({"mass": build(fmi)}, T)
+    block = import_fmu(Fmu(path, outputs=["x"]), kind="cs", step=0.1)  # the loop in Python and the one in C
     for part in (path, block):
-        response = cosimulate(
-            {"mass": part}, [], timepts=T, outputs=["mass.x"] if fmi == "2.0" else ["mass.x[0]"]
-        )
+        response = cosimulate({"mass": part}, T, outputs=["mass.x"] if fmi == "2.0" else ["mass.x[0]"])
         assert not response.success
         assert "asks to end the run at t = 0.5" in response.message
         assert np.array_equal(response.outputs[0, :6], whole.outputs[0, :6])
@@ -44,7 +42,7 @@ def test_an_fmu_that_ends_the_run_is_no_failure(build, fmi, tmp_path, capsys):
 @pytest.mark.slow
 def test_early_return(build):
     whole, early = (
-        cosimulate({"mass": build("3.0", **options)}, [], timepts=T).outputs
+        cosimulate({"mass": build("3.0", **options)}, T).outputs
         for options in ({}, {"defines": ("RETURNS_AT=0.25",)})
     )
     # RK4 of at most 1 ms either way.
@@ -75,12 +73,12 @@ def test_what_is_recorded(build, tmp_path):
     assert names == ["time", "ticks", "energy"]
     assert np.max(np.abs(values[:, 2] - 9.81)) < 1e-10
     assert values[-1, 1] == 8.0
-    kept = import_fmu(build(), kind="cs", step=0.1, outputs=["der(*)", "steps"])
-    response = cosimulate({"mass": kept}, [], timepts=T)
+    kept = import_fmu(Fmu(build(), outputs=["der(*)", "steps"]), kind="cs", step=0.1)
+    response = cosimulate({"mass": kept}, T)
     assert response.output_labels == ["mass.der(x)", "mass.der(v)", "mass.steps"]
     assert response.outputs[2].tolist() == list(range(11))
     with pytest.raises(ValueError, match=r"no numeric variable of .* matches 'speed'"):
-        import_fmu(build(), outputs=["speed"])
+        import_fmu(Fmu(build(), outputs=["speed"]))
 
 
 def test_steps_that_it_asks_for(tmp_path, build):

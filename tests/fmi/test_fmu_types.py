@@ -10,7 +10,7 @@ from foreign_typed import NUMBERS, typed
 
 from phyfilter_ctl import simulate
 from phyfilter_ctl.cli import main
-from phyfilter_ctl.fmi import cosimulate, describe, import_fmu
+from phyfilter_ctl.fmi import Fmu, Master, System, cosimulate, describe, import_fmu
 from phyfilter_ctl.fmi.instance import FmuInstance
 from phyfilter_ctl.fmi.signals import Signals
 from phyfilter_ctl.fmi.unpacked import UnpackedFmu
@@ -54,7 +54,7 @@ def test_the_ends_of_every_type_to_the_last_digit(path):
 
 
 def test_elements_that_are_not_given_stay(path):
-    block = import_fmu(path, kind="cs", parameters={"gain": 5.0, "gain[1]": 7.0, "p_UInt64": 2**64 - 1})
+    block = import_fmu(Fmu(path, parameters={"gain": 5.0, "gain[1]": 7.0, "p_UInt64": 2**64 - 1}), kind="cs")
     assert (block.params["gain[0]"], block.params["gain[1]"]) == (5.0, 7.0)
     gain = Signals([entry for entry in block.description.variables if entry.name == "gain"], "3.0")
     now = [0.0, np.zeros(1), [*np.zeros(12), -1.0]]
@@ -70,14 +70,17 @@ def test_elements_that_are_not_given_stay(path):
 @pytest.mark.parametrize("scheme", ["jacobi", "gauss-seidel"])
 def test_texts_and_bytes_go_around(path, scheme, isolated):
     """Each adds its letter in a step: by Gauss-Seidel the second sees the first's of the same step."""
-    found = cosimulate(
-        {"a": path, "b": path},
-        [("b.u_String", "a.y_String"), ("a.u_String", "b.y_String"), ("b.u_Binary", "a.y_Binary"), ("b.a", "a.x")],
-        timepts=T[:4],
+    whole = System(
+        dict.fromkeys("ab", Fmu(path, isolated=isolated)),
+        [
+            ("b.u_String", "a.y_String"),
+            ("a.u_String", "b.y_String"),
+            ("b.u_Binary", "a.y_Binary"),
+            ("b.a", "a.x"),
+        ],
         parameters={"a.p_String": "x", "b.p_String": "-", "a.p_Binary": b"\0", "a.u_Binary": "ff"},
-        scheme=scheme,
-        isolated=isolated,
-    )  # fmt: skip
+    )
+    found = cosimulate(whole, T[:4], master=Master(scheme=scheme))
     late = scheme == "jacobi"
     assert found.success
     expected = (["", "x", "x-", "x-x"], ["", "-", "-x", "-x-"])
@@ -94,8 +97,8 @@ def test_texts_and_bytes_go_around(path, scheme, isolated):
 
 @pytest.mark.slow
 def test_step_control_goes_back_with_texts(path):
-    found = cosimulate({"a": path}, [("a.u_String", "a.y_String")], timepts=T, tolerance=1e-3, step=0.1,
-                       parameters={"a.p_String": "x"})  # fmt: skip
+    wired = System({"a": path}, [("a.u_String", "a.y_String")], parameters={"a.p_String": "x"})
+    found = cosimulate(wired, T, master=Master(0.1, tolerance=1e-3))
     assert found.texts["a.y_String"][-1] == "x" * min(2 * found.steps, 31), (
         "two halves of each step, no whole one"
     )
@@ -111,18 +114,18 @@ def test_step_control_goes_back_with_texts(path):
 ])  # fmt: skip
 def test_wires_between_types(path, wire, inputs, message):
     with pytest.raises(ValueError, match=message):
-        cosimulate({"a": path, "b": path}, [wire], timepts=T, inputs=inputs)
+        cosimulate(System({"a": path, "b": path}, [wire]), T, inputs=inputs)
 
 
 @pytest.mark.parametrize("entry", [5, "ab", ("b.u_String",), ("b.u_String", 1.0)])
 def test_what_is_no_connection(path, entry):
     with pytest.raises(ValueError, match=r"connections: expected \(.part.input., .part.output., ...\), got"):
-        cosimulate({"b": path}, [entry], timepts=T)
+        cosimulate(System({"b": path}, [entry]), T)
 
 
 def test_whole_numbers_drive_floating_point(path):
-    found = cosimulate({"a": path, "b": path}, [("b.a[0]", "a.y_UInt8")], timepts=T, outputs=["b.x[0]"],
-                       parameters={"a.u_UInt8": 200})  # fmt: skip
+    wired = System({"a": path, "b": path}, [("b.a[0]", "a.y_UInt8")], parameters={"a.u_UInt8": 200})
+    found = cosimulate(wired, T, outputs=["b.x[0]"])
     np.testing.assert_allclose(found.outputs[0], 200.0 * T, rtol=1e-14)
 
 
@@ -133,15 +136,15 @@ def test_arrays_as_long_as_a_structural_parameter(path):
     with pytest.raises(
         ValueError, match=r"channels .* structural parameter: expected a whole number, 1 to 5, got 6"
     ):
-        import_fmu(path, parameters={"channels": 6})
-    model = import_fmu(path, kind="me", parameters={"channels": 4})
+        import_fmu(Fmu(path, parameters={"channels": 6}))
+    model = import_fmu(Fmu(path, parameters={"channels": 4}), kind="me")
     assert (model.nstates, model.state_labels[-1]) == (4, "x[3]")
     np.testing.assert_array_equal(model.start_inputs[:4], [0.5, 1.0, 1.5, 2.0], "as the FMU has them")
     assert "gain[0]" not in model.params, "the description has values for another size"
     held = np.concatenate([a, model.start_inputs[4:]])
     exchanged = simulate(model, T, np.outer(held, np.ones(6)))
     parameters = {"fmu.channels": 4} | {f"fmu.a[{i}]": value for i, value in enumerate(a)}
-    stepped = cosimulate({"fmu": path}, timepts=T, parameters=parameters, isolated=True)
+    stepped = cosimulate({"fmu": Fmu(path, isolated=True)}, T, parameters=parameters)
     for labels, outputs, name in (
         (exchanged.output_labels, exchanged.outputs, ""), (stepped.output_labels, stepped.outputs, "fmu."),
     ):  # fmt: skip
@@ -150,7 +153,7 @@ def test_arrays_as_long_as_a_structural_parameter(path):
             np.testing.assert_allclose(rows[f"{name}x[{i}]"], a[i] * T, rtol=1e-12, atol=1e-14)
         np.testing.assert_allclose(rows[f"{name}sum"], gain @ a * T, rtol=1e-12, atol=1e-14)
     with pytest.raises(ValueError, match=r"gain has another size than by default; give all its 4 elements"):
-        import_fmu(path, kind="cs", parameters={"channels": 4, "gain[1]": 1.0}).step(np.zeros(15))
+        import_fmu(Fmu(path, parameters={"channels": 4, "gain[1]": 1.0}), kind="cs").step(np.zeros(15))
     own = cosimulate({"fmu": path}, timepts=T, outputs=["fmu.sum"])
     other = fmpy.simulate_fmu(
         str(path), stop_time=1.0, output_interval=0.2, output=["sum"], fmi_type="CoSimulation"
@@ -169,6 +172,6 @@ def test_the_command_sets_and_records_all_types(path, tmp_path, capsys):
     assert rows[-1][-2:] == ["5", "00ff"]
     assert "y_Binary                 '' -> '00ff'" in capsys.readouterr().out
     with pytest.raises(ValueError, match="y_String is String, which no signal of python-control can be"):
-        import_fmu(path, kind="me", outputs=["x", "y_String"])
+        import_fmu(Fmu(path, outputs=["x", "y_String"]), kind="me")
     starts = {entry["name"]: entry["start"] for entry in json.loads(describe(path).as_json())["variables"]}
     assert starts["p_String"] == ["as delivered"]

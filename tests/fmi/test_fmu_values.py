@@ -7,7 +7,7 @@ import pytest
 from foreign_fmus import description
 
 from phyfilter_ctl.cli import main
-from phyfilter_ctl.fmi import FmuError, check, cosimulate, describe, import_fmu
+from phyfilter_ctl.fmi import FmuError, Master, System, check, cosimulate, describe, import_fmu
 from phyfilter_ctl.fmi.archive_write import write_archive
 from phyfilter_ctl.fmi.cosimulation_run import Run
 from phyfilter_ctl.fmi.inspect import FmuVariable
@@ -118,13 +118,15 @@ def test_an_output_that_is_no_number_is_no_success(build, tolerance, in_c, monke
     monkeypatch.setattr(Run, "in_c", in_c)
     path = build("2.0", defines=("MISCHIEF_AT=0.35", "MISCHIEF=NOT_A_NUMBER"))
     found = cosimulate(
-        {"a": path, "b": build("2.0")}, [("b.place", "a.x")], timepts=T, step=0.05, tolerance=tolerance
+        System({"a": path, "b": build("2.0")}, [("b.place", "a.x")]),
+        T,
+        master=Master(0.05, tolerance=tolerance),
     )
     assert not found.success
     assert found.message.startswith("a.x is nan, a.v is nan, a.force is nan and 1 more at t = 0.35: look at")
     assert np.all(np.isfinite(found.outputs[:, :4]))
     assert np.all(np.isnan(found.outputs[:, 5:]))
-    alone = cosimulate({"a": path, "b": build("2.0")}, [], timepts=T, outputs=["b.x"])
+    alone = cosimulate({"a": path, "b": build("2.0")}, T, outputs=["b.x"])
     assert alone.success, "nobody looks at what is no number there"
 
 
@@ -143,7 +145,7 @@ def test_the_flag_that_says_whether_there_is_a_way_back(build, in_c, monkeypatch
     path = build(defines=("TELLS",))
     equal = cosimulate({"a": path}, timepts=T)
     assert set(equal.messages["a"]) == {"[ok] step: no way back"}
-    controlled = cosimulate({"a": path}, timepts=T[:3], tolerance=1e-2)
+    controlled = cosimulate({"a": path}, T[:3], master=Master(tolerance=1e-2))
     coarse, first, second = controlled.messages["a"][:3]
     assert (coarse, first, second) == ("[ok] step: no way back",) * 2 + ("[ok] step: may go back",)
     block = import_fmu(path, kind="cs")

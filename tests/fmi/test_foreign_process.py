@@ -15,7 +15,16 @@ from foreign_ball import ball
 
 from phyfilter_ctl import simulate
 from phyfilter_ctl.cli import main
-from phyfilter_ctl.fmi import CosimulationResponse, FmuError, Isolation, check, cosimulate, import_fmu
+from phyfilter_ctl.fmi import (
+    CosimulationResponse,
+    Fmu,
+    FmuError,
+    Isolation,
+    Master,
+    check,
+    cosimulate,
+    import_fmu,
+)
 from tests.stopping import STATUS, below, linux, stopped
 
 T = np.linspace(0.0, 1.0, 11)
@@ -29,7 +38,7 @@ def evil(build, what, fmi="2.0"):
 
 def assert_ends_with_results(path, match, healthy, isolated=True):
     with pytest.raises(FmuError, match=match) as caught:
-        cosimulate({"a": path}, timepts=T, isolated=isolated)
+        cosimulate({"a": Fmu(path, isolated=isolated)}, T)
     found = caught.value.results
     assert isinstance(found, CosimulationResponse)
     assert not found.success
@@ -99,8 +108,8 @@ def test_same_bits_as_in_this_process(build, fmi):
     """Co-simulation with rollback, and model exchange, on either side of the border."""
 
     def run(isolated):
-        found = cosimulate({"a": build(fmi)}, timepts=T, tolerance=1e-6, isolated=isolated)
-        block = import_fmu(build(fmi, kinds="me"), isolated=isolated)
+        found = cosimulate({"a": Fmu(build(fmi), isolated=isolated)}, T, master=Master(tolerance=1e-6))
+        block = import_fmu(Fmu(build(fmi, kinds="me"), isolated=isolated))
         rate = block.dynamics(0.0, block.start_state + 0.3, np.full(block.ninputs, 0.2))
         block.close()
         return found.outputs, rate
@@ -113,7 +122,7 @@ def test_same_bits_as_in_this_process(build, fmi):
 def test_events_on_either_side_of_the_border(tmp_path):
     """A bouncing ball in model exchange: indicators, event mode and steps of the integrator, call by call."""
     path = ball(tmp_path, "3.0")
-    runs = [simulate(import_fmu(path, kind="me", isolated=isolated), T) for isolated in (False, True)]
+    runs = [simulate(import_fmu(Fmu(path, isolated=isolated), kind="me"), T) for isolated in (False, True)]
     assert all(run.success for run in runs)
     assert np.array_equal(runs[0].outputs, runs[1].outputs)
 
@@ -126,7 +135,7 @@ def test_what_it_logs_and_refuses_comes_back(build):
         build(),
     )
     with pytest.raises(FmuError, match=r"Instantiate: error: .*guid is other, not oscillator"):
-        import_fmu(build(guid="other"), isolated=True)
+        import_fmu(Fmu(build(guid="other"), isolated=True))
 
 
 @posix
@@ -143,7 +152,7 @@ def test_the_command_survives_what_it_runs(build, tmp_path, capsys):
     report = json.loads(capsys.readouterr().out)
     assert any("SIGABRT" in finding["message"] for finding in report["findings"])
     assert report["stages"][-1] == "co-simulation: dependencies"
-    assert "SIGABRT" in str(check(path, isolated=True))
+    assert "SIGABRT" in str(check(Fmu(path, isolated=True)))
 
 
 def test_limits_above_zero():

@@ -16,7 +16,9 @@ import phyfilter_ctl as pf
 from phyfilter_ctl.cli import main
 from phyfilter_ctl.fmi import (
     ArchiveLimits,
+    Fmu,
     FmuError,
+    System,
     check,
     cosimulate,
     describe,
@@ -81,10 +83,10 @@ def package(fmu, target):
 
 ENTRIES = {
     "describe": lambda fmu, _: describe(fmu),
-    "check": lambda fmu, _: check(fmu, isolated=False),
+    "check": lambda fmu, _: check(Fmu(fmu, isolated=False)),
     "check, isolated": lambda fmu, _: check(fmu),
     "import": lambda fmu, _: import_fmu(fmu, kind="cs"),
-    "import, isolated": lambda fmu, _: import_fmu(fmu, kind="cs", isolated=True),
+    "import, isolated": lambda fmu, _: import_fmu(Fmu(fmu, isolated=True), kind="cs"),
     "cosimulate": lambda fmu, _: cosimulate({"a": fmu}, timepts=T),
     "package": lambda fmu, folder: cosimulate(package(fmu, folder / "a.ssp"), timepts=T),
     "command check": lambda fmu, _: main(["fmu", "check", str(fmu)]),
@@ -200,7 +202,7 @@ def test_packages_inside_packages_share_one_limit(tmp_path):
 def test_write_ssp_refuses_parts_that_are_paths(build, tmp_path, part):
     target = tmp_path / "out.ssp"
     with pytest.raises(ValueError, match="expected a name"):
-        write_ssp(target, {part: build()}, [], name="s")
+        write_ssp(System({part: build()}), target, name="s")
     assert not target.exists()
 
 

@@ -6,7 +6,7 @@ from foreign_clocks import clocks_fmu
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.cli import main
-from phyfilter_ctl.fmi import FmuError, cosimulate, describe, import_fmu
+from phyfilter_ctl.fmi import Fmu, FmuError, Master, System, cosimulate, describe, import_fmu
 
 # By hand from the intervals in foreign/clocks.c; `rings` goes with every fifth tick.
 HAND = [0.05, 0.5]
@@ -49,7 +49,7 @@ def stepped(t):
 def test_ticks_at_and_between_communication_points(folder, kind, points):
     times = np.linspace(0.0, 1.0, points)
     response = cosimulate(
-        {"fmu": clocks_fmu(folder, kind)}, timepts=times, clocks={"fmu.hand": HAND},
+        {"fmu": Fmu(clocks_fmu(folder, kind), clocks={"hand": HAND})}, times,
         inputs={"fmu.u": 2.0, "fmu.sample": lambda t: t, "fmu.level": stepped},
     )  # fmt: skip
     assert response.success, response.message
@@ -70,7 +70,7 @@ def test_ticks_at_and_between_communication_points(folder, kind, points):
 def test_model_exchange_ticks_and_takes_discrete_inputs_in_events(folder, isolated):
     """The FMU refuses times beyond a tick, and discrete inputs outside of Event Mode."""
     block = import_fmu(
-        clocks_fmu(folder, "me"), clocks={"hand": HAND}, parameters={"jump_at": 0.33}, isolated=isolated
+        Fmu(clocks_fmu(folder, "me"), parameters={"jump_at": 0.33}, isolated=isolated, clocks={"hand": HAND})
     )
     assert block.input_labels == ["u", "sample", "level"]
     times = np.linspace(0.0, 1.0, 21)
@@ -110,19 +110,17 @@ def test_what_clocks_cannot_be(folder):
         ({"hand": [0.2, 0.1]}, "clocks: hand: expected increasing times"),
     ):
         with pytest.raises(ValueError, match=message):
-            import_fmu(path, step=0.1, clocks=given)
-    with pytest.raises(ValueError, match=r"'ball\.c' names no part"):
-        cosimulate({"fmu": path}, timepts=TIMES, clocks={"ball.c": 0.1})
+            import_fmu(Fmu(path, clocks=given), step=0.1)
     rigid = clocks_fmu(folder, "cs", variable_step=False)
     with pytest.raises(FmuError, match=r"hand: ticks at t = 0.05, inside a communication step.*all equal"):
-        cosimulate({"fmu": rigid}, timepts=TIMES, clocks={"fmu.hand": HAND})
+        cosimulate({"fmu": Fmu(rigid, clocks={"hand": HAND})}, TIMES)
 
 
 @pytest.mark.slow
 def test_an_interval_of_the_importers(folder):
     for kind in ("cs", "se"):
         path = clocks_fmu(folder, kind, own=True)
-        response = cosimulate({"fmu": path}, timepts=TIMES, clocks={"fmu.own": 0.3})
+        response = cosimulate({"fmu": Fmu(path, clocks={"own": 0.3})}, TIMES)
         np.testing.assert_allclose(response.ticks["fmu.own"], np.arange(4) * 0.3, rtol=0.0, atol=EXACT)
         with pytest.raises(FmuError, match="own: nobody has told the interval; give it by clocks="):
             cosimulate({"fmu": path}, timepts=TIMES)
@@ -164,7 +162,7 @@ def test_from_the_command_line(folder, capsys):
 def test_steps_by_the_error_take_ticks_back(folder):
     """The FMU answers Error to a tick that is made twice or left out."""
     response = cosimulate(
-        {"fmu": clocks_fmu(folder, "cs")}, timepts=TIMES, clocks={"fmu.hand": HAND}, tolerance=1e-3,
+        {"fmu": Fmu(clocks_fmu(folder, "cs"), clocks={"hand": HAND})}, TIMES, master=Master(tolerance=1e-3),
         inputs={"fmu.u": lambda t: 3.0 * t, "fmu.sample": lambda t: t, "fmu.level": stepped},
         parameters={"fmu.jump_at": 0.33},
     )  # fmt: skip
@@ -181,7 +179,7 @@ def test_steps_by_the_error_take_ticks_back(folder):
 def test_discrete_inputs_of_a_model_integrated_here(folder):
     """Taken in at the communication point where they change, seen in the result there."""
     response = cosimulate(
-        {"fmu": clocks_fmu(folder, "me")}, timepts=TIMES, clocks={"fmu.hand": HAND},
+        {"fmu": Fmu(clocks_fmu(folder, "me"), clocks={"hand": HAND})}, TIMES,
         inputs={"fmu.u": 2.0, "fmu.level": stepped},
     )  # fmt: skip
     assert response.success, response.message
@@ -195,9 +193,9 @@ def test_discrete_inputs_of_a_model_integrated_here(folder):
 @pytest.mark.parametrize("isolated", [False, True])
 def test_what_an_fmu_tells_inside_its_steps(folder, isolated):
     """It tells of the middle of each step; steps that are taken back leave nothing."""
-    path = clocks_fmu(folder, "cs")
-    given = {"timepts": TIMES, "inputs": {"fmu.u": lambda t: 3.0 * t}, "isolated": isolated}
-    response = cosimulate({"fmu": path}, **given, intermediate=True)
+    path = Fmu(clocks_fmu(folder, "cs"), isolated=isolated)
+    given = {"timepts": TIMES, "inputs": {"fmu.u": lambda t: 3.0 * t}}
+    response = cosimulate({"fmu": path}, master=Master(intermediate=True), **given)
     told = response.intermediate["fmu"]
     assert told.output_labels == ["x", "held"]
     # Steps end at ticks of clocks too; x runs on a line over each.
@@ -208,7 +206,7 @@ def test_what_an_fmu_tells_inside_its_steps(folder, isolated):
     expected = np.interp(told.time, TIMES, np.asarray(response.outputs)[0])
     np.testing.assert_allclose(told.outputs[0], expected, rtol=0.0, atol=EXACT)
     assert np.array_equal(cosimulate({"fmu": path}, **given).outputs, response.outputs)
-    controlled = cosimulate({"fmu": path}, **given, intermediate=True, tolerance=1e-3)
+    controlled = cosimulate({"fmu": path}, master=Master(tolerance=1e-3, intermediate=True), **given)
     assert controlled.rejected > 0
     assert np.all(np.diff(controlled.intermediate["fmu"].time) > 0.0)
 
@@ -234,18 +232,13 @@ def test_discrete_inputs_from_a_file_are_held(folder, tmp_path, capsys, kind):
 @pytest.mark.parametrize("kind", ["cs", "me", "se"])
 def test_a_clock_ticks_with_another_ones(folder, kind):
     """`rings` of one triggers `hand` of the next: at the communication point, and heard there after a step."""
-    parts = {"a": clocks_fmu(folder, "cs"), "b": clocks_fmu(folder, kind)}
-    response = cosimulate(
-        parts,
-        [("b.hand", "a.rings")],
-        timepts=TIMES,
-        clocks={"a.hand": HAND},
-        inputs={"a.u": lambda t: 3.0 * t},
-    )
+    parts = {"a": Fmu(clocks_fmu(folder, "cs"), clocks={"hand": HAND}), "b": clocks_fmu(folder, kind)}
+    wired = System(parts, [("b.hand", "a.rings")])
+    response = cosimulate(wired, TIMES, inputs={"a.u": lambda t: 3.0 * t})
     assert response.success, response.message
     np.testing.assert_allclose(response.ticks["a.rings"], TICKS["rings"], rtol=0.0, atol=EXACT)
     np.testing.assert_allclose(response.ticks["b.hand"], TICKS["rings"], rtol=0.0, atol=EXACT)
-    hands = np.asarray(response.outputs)[response.output_labels.index("b.ticks[3]")]
+    hands = response.outputs["b.ticks[3]"]
     assert hands.tolist() == [0.0] * 2 + [1.0] * 3 + [2.0] * 3 + [3.0] * 3
     with pytest.raises(ValueError, match=r"'b\.hand' from 'a\.x': expected a triggered input clock"):
-        cosimulate(parts, [("b.hand", "a.x")], timepts=TIMES)
+        cosimulate(System(parts, [("b.hand", "a.x")]), TIMES)

@@ -7,7 +7,7 @@ import pytest
 from foreign_ball import ball
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.fmi import cosimulate, import_fmu
+from phyfilter_ctl.fmi import Fmu, Master, cosimulate, import_fmu
 from phyfilter_ctl.fmi.cosimulation_parts import make_part
 
 G, E = 9.81, 0.7
@@ -85,7 +85,9 @@ def test_in_a_diagram(path):
 
 @pytest.mark.slow
 def test_the_fmu_ends_the_run(path):
-    response = pf.simulate(import_fmu(path, name="ball", parameters={"last": 3}), np.linspace(0.0, 1.0, 11))
+    response = pf.simulate(
+        import_fmu(Fmu(path, parameters={"last": 3}), name="ball"), np.linspace(0.0, 1.0, 11)
+    )
     assert not response.success
     assert response.failed_at == 0.75
     assert "block ball: the FMU asked to end the run at t = 0.75 s" in response.message
@@ -114,7 +116,7 @@ def test_as_another_importer(path):
 def test_in_a_process_of_its_own(path):
     times = np.linspace(0.0, 1.0, 11)
     here, there = (
-        pf.simulate(import_fmu(path, name="b", isolated=isolated), times) for isolated in (False, True)
+        pf.simulate(import_fmu(Fmu(path, isolated=isolated), name="b"), times) for isolated in (False, True)
     )
     assert np.array_equal(here.outputs, there.outputs)
     assert here.events == there.events
@@ -124,17 +126,17 @@ def test_in_a_process_of_its_own(path):
 def test_in_a_co_simulation(path):
     """On held inputs, with its events between communication points, and its end."""
     times = np.linspace(0.0, 2.0, 41)
-    response = cosimulate({"ball": path}, [], timepts=times, inputs={"ball.push": 2.0})
+    response = cosimulate({"ball": path}, times, inputs={"ball.push": 2.0})
     expected = pf.simulate(import_fmu(path), times, 2.0).outputs
     assert response.success
     # Integrated anew from each point to the next: parabolas all the same, but completed steps of other lengths.
     assert np.max(np.abs(np.asarray(response.outputs - expected)[:3])) < EXACT
-    ended = cosimulate({"ball": path}, [], timepts=times, parameters={"ball.last": 3})
+    ended = cosimulate({"ball": path}, times, parameters={"ball.last": 3})
     assert "asked to end the run at t = 0.75 s" in ended.message
     assert np.isfinite(ended.outputs[:, :16]).all(), "with the point at which it ended"
     assert np.isnan(ended.outputs[:, 16:]).all()
     with pytest.raises(ValueError, match="ball cannot put back a state"):
-        cosimulate({"ball": path}, [], timepts=times, tolerance=1e-3)
+        cosimulate({"ball": path}, times, master=Master(tolerance=1e-3))
 
 
 @pytest.mark.slow
@@ -165,7 +167,7 @@ def test_steps_by_the_error_over_events(tmp_path):
     """Pushed harder and harder: wrong steps are taken back, and the ball bounces where it does without steps."""
     path, times = ball(tmp_path, state=True), np.linspace(0.0, 1.0, 11)
     response = cosimulate(
-        {"ball": path}, [], timepts=times, inputs={"ball.push": lambda t: 8.0 * t}, tolerance=1e-4
+        {"ball": path}, times, inputs={"ball.push": lambda t: 8.0 * t}, master=Master(tolerance=1e-4)
     )
     assert response.success, response.message
     assert response.rejected > 0

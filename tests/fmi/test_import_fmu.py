@@ -11,7 +11,7 @@ import fmpy
 import numpy as np
 import pytest
 
-from phyfilter_ctl.fmi import FmuError, import_fmu
+from phyfilter_ctl.fmi import Fmu, FmuError, import_fmu
 from phyfilter_ctl.fmi.instance import FmuInstance
 from phyfilter_ctl.fmi.unpacked import UnpackedFmu
 
@@ -75,7 +75,7 @@ def test_model_exchange_with_arrays(build):
 
 def test_parameters(build):
     expected = ct.forced_response(model(k=20.0), T, 0 * T, [0.5, 0.0]).outputs
-    given = import_fmu(build(), kind="me", parameters={"k": 20.0, "x": 0.5})
+    given = import_fmu(Fmu(build(), parameters={"k": 20.0, "x": 0.5}), kind="me")
     assert given.params["k"] == 20.0
     assert given.start_state.tolist() == [0.5, 0.0]
     late = import_fmu(build(), kind="me")
@@ -86,7 +86,7 @@ def test_parameters(build):
     assert np.max(np.abs(simulated(given, 0 * T, given.start_state).outputs - expected)) < SIMULATED
     assert np.array_equal(first, again), "parameters of one run do not stay for the next"
     with pytest.raises(ValueError, match="no variable with a start value is called stiffness"):
-        import_fmu(build(), parameters={"stiffness": 1.0})
+        import_fmu(Fmu(build(), parameters={"stiffness": 1.0}))
 
 
 def test_in_a_diagram_beside_other_blocks(build):
@@ -124,7 +124,7 @@ def test_co_simulation(build, fmi):
 
 
 def test_co_simulation_by_hand(build):
-    block = import_fmu(build(), kind="cs", step=0.1, parameters={"x": 0.5})
+    block = import_fmu(Fmu(build(), parameters={"x": 0.5}), kind="cs", step=0.1)
     assert block.restart()[0] == 0.5
     discrete = ct.c2d(model(), 0.1, "zoh")
     x = np.array([0.5, 0.0])

@@ -1,4 +1,4 @@
-"""The parts of the residual as an FMU: what separate() finds with causal=True and detect_changes() in it, to 1e-9."""
+"""The parts of the residual as an FMU: what separate() finds with causal=True and changes() in it, to 1e-9."""
 
 import control as ct
 import numpy as np
@@ -7,7 +7,7 @@ from exported_fmus import FOLDER, Instance, quick_compiler
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.blocks import separation_block
-from phyfilter_ctl.estimation import ColouredForce, Payload, detect_changes, separate
+from phyfilter_ctl.estimation import ColouredForce, Payload, separate
 
 H, N = 0.02, 80
 AGREE = 1e-9
@@ -22,7 +22,7 @@ def test_fmu_is_the_filter_over_a_recording(fmi):
     parts = [Payload(1.0), ColouredForce(0.5, 5.0)]
     found = separate(pf.Recording.from_arrays(x=x, g=g, dt=H, inertia=2.0), parts, noise=0.02, causal=True)
     # 0.12 s: a change is followed for six samples, and six at a time.
-    tests = detect_changes(found, "payload", within=0.12).statistic[: N - 6]
+    tests = found.changes("payload", within=0.12).statistic[: N - 6]
     block = separation_block(
         parts, 3, dt=H, noise=0.02, inertia=2.0, watch="payload", within=0.12, restart=False
     )

@@ -10,8 +10,17 @@ from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import read_ssd, read_ssv
 from foreign_fmus import description, oscillator
 
-from phyfilter_ctl.fmi import ArchiveLimits, Wire, cosimulate, cut_diagram, write_ssp
-from phyfilter_ctl.fmi.ssp_read import opened_ssp
+from phyfilter_ctl.fmi import (
+    ArchiveLimits,
+    Master,
+    System,
+    Wire,
+    cosimulate,
+    cut_diagram,
+    read_ssp,
+    write_ssp,
+)
+from phyfilter_ctl.fmi.ssp_read import read_package
 from phyfilter_ctl.fmi.ssp_values import NAMESPACES, parameter_values
 
 T = np.linspace(0.0, 2.0, 21)
@@ -81,7 +90,7 @@ def test_parts_converge_to_the_diagram(name):
         start[name][[label.endswith("plant_q") for label in part.state_labels]] = 0.5
     errors = []
     for step in (0.01, 0.005):
-        found = cosimulate(cut, timepts=T, step=step, inputs={"ref": U[0], "w": U[1]}, initial_state=start)
+        found = cosimulate(cut, T, inputs={"ref": U[0], "w": U[1]}, initial_state=start, master=Master(step))
         assert found.output_labels == ["q", "mix", "u", "f"]
         errors.append(float(np.max(np.abs(found.outputs - monolith.outputs))))
     assert errors[0] < 0.02
@@ -129,31 +138,33 @@ def package(path, fmu, **options):
         "outputs": {"xa": "a.x", "xb": "b.x"},
         "parameters": {"b.k": 20.0},
         "stop_time": 2.0,
-    }
-    return write_ssp(path, {"a": fmu, "b": fmu}, WIRES, **(given | options))
+    } | options
+    own = {name: given.pop(name) for name in ("inputs", "outputs", "parameters")}
+    return write_ssp(System({"a": fmu, "b": fmu}, WIRES, **own), path, **given)
 
 
 def test_written_and_read(tmp_path, fmu):
     path = package(tmp_path / "two.ssp", fmu)
-    with opened_ssp(path) as found:
-        assert found.wires == tuple(WIRES)
-        assert {key: [w.sink for w in wires] for key, wires in found.inputs.items()} == {"where": ["b.place"]}
-        assert found.outputs == {"xa": "a.x", "xb": "b.x"}
-        assert (found.parameters["b.k"], found.parameters["a.k"]) == (20.0, 8.0)
-        assert (found.start_time, found.stop_time) == (0.0, 2.0)
-    packed = cosimulate(path, timepts=T, step=0.01, inputs={"where": U[1]})
+    found = read_package(path)
+    assert found.wires == tuple(WIRES)
+    assert {key: [w.sink for w in wires] for key, wires in found.system.inputs.items()} == {
+        "where": ["b.place"]
+    }
+    assert found.system.outputs == {"xa": "a.x", "xb": "b.x"}
+    assert (found.system.parameters["b.k"], found.system.parameters["a.k"]) == (20.0, 8.0)
+    assert (found.start_time, found.stop_time) == (0.0, 2.0)
+    packed = cosimulate(path, T, inputs={"where": U[1]}, master=Master(0.01))
     loose = cosimulate(
-        {"a": fmu, "b": fmu},
-        [("a.place", "b.x")],
-        timepts=T,
-        step=0.01,
+        System({"a": fmu, "b": fmu}, [("a.place", "b.x")]),
+        T,
         inputs={"b.place": U[1]},
         outputs=["a.x", "b.x"],
         parameters={"b.k": 20.0},
+        master=Master(0.01),
     )
     assert packed.output_labels == ["xa", "xb"]
     assert np.array_equal(packed.outputs, loose.outputs)
-    stiffer = cosimulate(path, timepts=T, step=0.01, inputs={"where": U[1]}, parameters={"b.k": 8.0})
+    stiffer = cosimulate(path, T, inputs={"where": U[1]}, parameters={"b.k": 8.0}, master=Master(0.01))
     assert not np.array_equal(stiffer.outputs, packed.outputs), "what the caller says wins over the package"
 
 
@@ -256,24 +267,23 @@ def foreign(path, fmu, *, source="resources/m.fmu", mapping="", extra=""):
 
 def test_a_foreign_package_with_inner_systems(tmp_path, fmu):
     """Connections either way round, transformations in a chain, inline bindings, a mapping."""
-    with opened_ssp(foreign(tmp_path / "x.ssp", fmu)) as found:
-        assert list(found.parts) == ["a", "inner.b"]
-        (wire,) = found.wires
-        assert (wire.sink, wire.source) == ("inner.b.place", "a.x")
-        assert (wire.gain, wire.offset) == (pytest.approx(6.0), pytest.approx(0.8))
-        assert found.parameters == {"a.k": 5.0}
-        assert found.outputs == {"out": "inner.b.x"}
-    with opened_ssp(foreign(tmp_path / "y.ssp", fmu, mapping=MAPPING)) as found:
-        assert found.parameters == {"a.k": 7.0}
-    run = cosimulate(tmp_path / "x.ssp", timepts=T, step=0.01, inputs={"where": 0.3})
+    found = read_package(foreign(tmp_path / "x.ssp", fmu))
+    assert list(found.system.parts) == ["a", "inner.b"]
+    (wire,) = found.wires
+    assert (wire.sink, wire.source) == ("inner.b.place", "a.x")
+    assert (wire.gain, wire.offset) == (pytest.approx(6.0), pytest.approx(0.8))
+    assert found.system.parameters == {"a.k": 5.0}
+    assert found.system.outputs == {"out": "inner.b.x"}
+    found = read_package(foreign(tmp_path / "y.ssp", fmu, mapping=MAPPING))
+    assert found.system.parameters == {"a.k": 7.0}
+    run = cosimulate(tmp_path / "x.ssp", T, inputs={"where": 0.3}, master=Master(0.01))
     loose = cosimulate(
-        {"a": fmu, "b": fmu},
-        [Wire("b.place", "a.x", 6.0, 0.8)],
-        timepts=T,
-        step=0.01,
+        System({"a": fmu, "b": fmu}, [Wire("b.place", "a.x", 6.0, 0.8)]),
+        T,
         inputs={"a.place": 0.3},
         outputs=["b.x"],
         parameters={"a.k": 5.0},
+        master=Master(0.01),
     )
     assert np.allclose(run.outputs, loose.outputs, atol=1e-12)
 
@@ -287,11 +297,11 @@ def test_units_are_converted(tmp_path, fmu):
     with zipfile.ZipFile(fmu) as source, zipfile.ZipFile(small, "w") as target:
         for name in source.namelist():
             target.writestr(name, text if name == "modelDescription.xml" else source.read(name))
-    path = write_ssp(tmp_path / "x.ssp", {"a": fmu, "b": small}, [Wire("b.place", "a.x")])
-    with opened_ssp(path) as found:
-        assert found.wires[0].gain == pytest.approx(1000.0)
+    path = write_ssp(System({"a": fmu, "b": small}, [Wire("b.place", "a.x")]), tmp_path / "x.ssp")
+    found = read_package(path)
+    assert found.wires[0].gain == pytest.approx(1000.0)
     with pytest.raises(ValueError, match="differ by a factor of 1000"):
-        cosimulate({"a": fmu, "b": small}, [("b.place", "a.x")], timepts=T)
+        cosimulate(System({"a": fmu, "b": small}, [("b.place", "a.x")]), T)
 
 
 @pytest.mark.parametrize(
@@ -343,20 +353,17 @@ def around(path, entries, sources, kind="application/x-ssp-package"):
 def test_a_package_used_twice(tmp_path, fmu):
     inner = foreign(tmp_path / "inner.ssp", fmu)
     path = around(tmp_path / "x.ssp", {"inner.ssp": inner.read_bytes()}, ["inner.ssp", "inner.ssp"])
-    with opened_ssp(path) as found:
-        assert list(found.parts) == ["c0.a", "c0.inner.b", "c1.a", "c1.inner.b"]
-        assert {wire.sink for wire in found.wires} == {"c0.inner.b.place", "c1.inner.b.place"}
+    found = read_package(path)
+    assert list(found.system.parts) == ["c0.a", "c0.inner.b", "c1.a", "c1.inner.b"]
+    assert {wire.sink for wire in found.wires} == {"c0.inner.b.place", "c1.inner.b.place"}
 
 
 def test_packages_without_end(tmp_path, fmu):
     """A definition inside itself; a few that each use the next one ten times; names by the million."""
     kind = "application/x-ssp-definition"
     circle = around(tmp_path / "a.ssp", {}, ["SystemStructure.ssd"], kind)
-    with (
-        pytest.raises(ValueError, match="more than 16 packages or definitions within each other"),
-        opened_ssp(circle),
-    ):
-        pass
+    with pytest.raises(ValueError, match="more than 16 packages or definitions within each other"):
+        read_ssp(circle)
     text = (
         zipfile.ZipFile(around(tmp_path / "b.ssp", {}, ["NEXT"] * 10, kind))
         .read("SystemStructure.ssd")
@@ -367,11 +374,8 @@ def test_packages_without_end(tmp_path, fmu):
     }
     tree = around(tmp_path / "c.ssp", levels, ["0.ssd"], kind)
     few = ArchiveLimits(scalars=100)
-    with (
-        pytest.raises(ValueError, match="more than 100 elements and parameter values"),
-        opened_ssp(tree, limits=few),
-    ):
-        pass
+    with pytest.raises(ValueError, match="more than 100 elements and parameter values"):
+        read_ssp(tree, limits=few)
     text = SSD.replace(
         '<ssv:Real value="5.0"/>', '<ssv:Real value="5.0"/><ssc:Dimension size="999999999"/>', 1
     )
@@ -467,22 +471,22 @@ def second(fmu, tmp_path_factory):
 def test_version_2(second):
     """Types of FMI 3, units at connectors, parameter connectors, arrays, a signal dictionary, a system in a file of
     its own; a stray file that is no XML harms nobody."""
-    with opened_ssp(second()) as found:
-        assert list(found.parts) == ["a", "c", "inner.b"]
-        wires = {wire.sink: wire for wire in found.wires}
-        # x in m, shown in cm; 2 x + 1 in the unit of the dictionary's entry, which has none: cm; then back into m.
-        for sink in ("c.place[1]", "inner.b.place"):
-            assert wires[sink].source == "a.x"
-            assert (wires[sink].gain, wires[sink].offset) == (pytest.approx(2.0), pytest.approx(0.01))
-        (where,) = found.inputs["where"]
-        assert (where.sink, where.gain) == ("a.place", pytest.approx(1e-3))
-        assert found.parameters == {
-            "a.k": pytest.approx(5.0),
-            "a.m": pytest.approx(2.5),
-            "c.x[0]": 3.0,
-            "c.x[1]": 4.0,
-        }
-    run = cosimulate(second(), timepts=T, step=0.1, inputs={"where": 300.0}, outputs=["a.x"])
+    found = read_package(second())
+    assert list(found.system.parts) == ["a", "c", "inner.b"]
+    wires = {wire.sink: wire for wire in found.wires}
+    # x in m, shown in cm; 2 x + 1 in the unit of the dictionary's entry, which has none: cm; then back into m.
+    for sink in ("c.place[1]", "inner.b.place"):
+        assert wires[sink].source == "a.x"
+        assert (wires[sink].gain, wires[sink].offset) == (pytest.approx(2.0), pytest.approx(0.01))
+    (where,) = found.system.inputs["where"]
+    assert (where.sink, where.gain) == ("a.place", pytest.approx(1e-3))
+    assert found.system.parameters == {
+        "a.k": pytest.approx(5.0),
+        "a.m": pytest.approx(2.5),
+        "c.x[0]": 3.0,
+        "c.x[1]": 4.0,
+    }
+    run = cosimulate(second(), T, inputs={"where": 300.0}, outputs=["a.x"], master=Master(0.1))
     assert run.success
 
 

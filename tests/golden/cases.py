@@ -24,11 +24,11 @@ import phyfilter_ctl as pf
 Figures = dict[str, Any]
 FILTERS, EXPORTED = 300, 12
 METHODS = ("exact", "tustin", "euler")
-SHAPES: Mapping[str, dict[str, Any]] = {
-    "lowpass": {"form": "lowpass"},
-    "type 1": {"form": "general", "type": 1},
-    "free gain": {"form": "general", "dc_gain": None},
-    "damped": {"form": "lowpass", "damping": 0.6, "pole_range": (1.0, 80.0)},
+SHAPES = {
+    "lowpass": pf.Shape(),
+    "type 1": pf.Shape("general"),
+    "free gain": pf.Shape("general", dc_gain=None),
+    "damped": pf.Shape(damping=0.6, pole_range=(1.0, 80.0)),
 }
 
 
@@ -182,10 +182,10 @@ def recording(number: int) -> pf.Recording:
 
 
 def of_learning(number: int, shape: str, order: int) -> Figures:
-    quick: dict[str, Any] = {"starts": 1, "wiener": False, "cross_validate": False, "intervals": False}
+    label, quick = "offset" if number == 4 else "given", pf.Search(starts=1, cross_validate=False)
 
     def learned() -> Any:
-        found = pf.learn(recording(number), order, **SHAPES[shape], label_offset=number == 4, **quick)
+        found = pf.learn(recording(number), order, shape=SHAPES[shape], label=label, search=quick)
         return {"filter": found.filter, "cost": found.cost, "status": found.status}
 
     return asked({"learned": learned})
@@ -205,8 +205,12 @@ def of_export(seed: int) -> Figures:
                 path.name: _digest(path.read_bytes()) for path in sorted(target.rglob("*")) if path.is_file()
             }
 
+        from phyfilter_ctl.fmi import FmuPorts
+
+        ports = FmuPorts(channels=2)
+
         def fmu(version: str) -> str:
-            path = pf.export_fmu(sampled, folder / "a.fmu", fmi=version, channels=2, platforms=())
+            path = pf.export_fmu(sampled, folder / "a.fmu", fmi=version, platforms=(), ports=ports)
             with zipfile.ZipFile(path) as archive:
                 text = archive.read("modelDescription.xml").decode()
             return _digest(re.sub(r'generationDateAndTime="[^"]*"', "", text).encode())

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from phyfilter_ctl import PhyFilter
+from phyfilter_ctl import PhyFilter, Sampling
 from phyfilter_ctl.design.adjoint import adjoint_gradient
 from phyfilter_ctl.design.learning.residuals import flights_of
 from phyfilter_ctl.design.learning.samples import Samples
@@ -92,7 +92,7 @@ def by_costates(n: int, filter: PhyFilter, method: str, form: str) -> tuple[floa
 
 def by_sensitivities(n: int, filter: PhyFilter, method: str, form: str) -> tuple[float, Array]:
     g, f_theta = rules(method)
-    (flight,) = flights_of([log_of(n)], g=g, f_theta=f_theta)
+    (flight,) = flights_of([log_of(n)], sampling=Sampling(g=g, f_theta=f_theta))
     rule = "euler" if method == "paper" else method
     cost, by_a, by_b = coefficient_gradient(Samples(flight, rule), filter, form, None)
     gradient = by_a if form == "lowpass" else np.concatenate([by_a, by_b])

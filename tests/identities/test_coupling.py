@@ -10,7 +10,8 @@ import pytest
 import sympy as sp
 from scipy.spatial.transform import Rotation
 
-from phyfilter_ctl.plants import Link, SerialArm, coupling_force, coupling_torque, payload_motion, small_arm
+from phyfilter_ctl.plants import Link, SerialArm, coupling_force, coupling_torque, small_arm
+from phyfilter_ctl.plants.coupling import payload_motion
 
 # Rounding of some thousand operations on forces up to 1e2 N.
 EXACT = 1e-10

@@ -17,7 +17,7 @@ SHAPES = [(n, k, (n - k) // 2) for n in range(1, 9) for k in sorted({1, (n + 1) 
 
 
 def designed(n, kind, count, pole=-20.0):
-    return pf.place_poles([pole] * n, numerator=kind, zeros_at=[4.0 + 3.0 * i for i in range(count)])
+    return pf.place_poles([pole] * n, type=kind, zeros_at=[4.0 + 3.0 * i for i in range(count)])
 
 
 def answer(sampled):
@@ -75,7 +75,7 @@ def test_a_record_under_both_rules(g, f_theta):
 def test_what_is_chosen_by_default():
     for filter, method in (
         (pf.lowpass(3, 20.0), "exact"),
-        (pf.place_poles([-20.0] * 3, numerator=2), "matched"),
+        (pf.place_poles([-20.0] * 3, type=2), "matched"),
         (pf.place_poles([-20.0] * 3, zeros_at=[6.0]), "matched"),
         (pf.bandpass(4, 4.0, 9.0), "matched"),
         (pf.bandpass(2, 4.0, 9.0), "exact"),  # F(0) = 0 and the centre are three conditions

@@ -12,16 +12,9 @@ import pytest
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.design import joint_gradient, refine
-from phyfilter_ctl.learned import (
-    Chebyshev,
-    Dictionary,
-    FunctionModel,
-    Koopman,
-    LearnedModel,
-    Network,
-    OnnxNetwork,
-)
-from phyfilter_ctl.learned.onnx import OnnxGraph, OnnxNode
+from phyfilter_ctl.learned import Chebyshev, Dictionary, Koopman, LearnedModel, Network
+from phyfilter_ctl.learned.function_model import FunctionModel
+from phyfilter_ctl.learned.onnx import OnnxGraph, OnnxNetwork, OnnxNode
 
 # The same formula in another order, in double precision.
 SAME_FORMULA = 1e-12

@@ -21,7 +21,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler, PolynomialFeatures, RobustScaler, StandardScaler
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.learned import OnnxNetwork
+from phyfilter_ctl.learned.onnx import OnnxNetwork
 
 onnx = pytest.importorskip("onnx", reason="the package onnx is not installed (extra: onnx)")
 skl2onnx = pytest.importorskip("skl2onnx", reason="the package skl2onnx is not installed (extra: onnx)")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.learned import OnnxNetwork
+from phyfilter_ctl.learned.onnx import OnnxNetwork
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed (extra: torch)")
 onnx = pytest.importorskip("onnx", reason="the package onnx is not installed (extra: onnx)")

@@ -17,7 +17,8 @@ import pytest
 
 from phyfilter_ctl import PhyFilter, Recording, learned_block, simulate
 from phyfilter_ctl.cli import main
-from phyfilter_ctl.learned import LearnedModel, OnnxGraph, OnnxNetwork, OnnxNode
+from phyfilter_ctl.learned import LearnedModel
+from phyfilter_ctl.learned.onnx import OnnxGraph, OnnxNetwork, OnnxNode
 
 onnx = pytest.importorskip("onnx", reason="the package onnx is not installed (extra: onnx)")
 TensorProto, helper, numpy_helper = onnx.TensorProto, onnx.helper, onnx.numpy_helper

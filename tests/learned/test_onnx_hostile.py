@@ -15,7 +15,7 @@ from google.protobuf.message import Message  # noqa: E402
 from test_onnx import CHAINS, flattened  # noqa: E402
 from test_onnx_operators import CASES, model_of  # noqa: E402
 
-from phyfilter_ctl.learned import OnnxNetwork  # noqa: E402
+from phyfilter_ctl.learned.onnx import OnnxNetwork  # noqa: E402
 
 WHOLE = {name: make().SerializeToString() for name, make in {**CHAINS, "flattened": flattened}.items()}
 WHOLE |= {name: model_of(case).SerializeToString() for name, case in CASES.items()}

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
-from phyfilter_ctl.learned import OnnxNetwork
+from phyfilter_ctl.learned.onnx import OnnxNetwork
 from phyfilter_ctl.learned.onnx._operators import OPERATORS
 
 onnx = pytest.importorskip("onnx", reason="the package onnx is not installed (extra: onnx)")

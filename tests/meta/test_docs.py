@@ -59,6 +59,13 @@ def test_links_lead_to_files(page):
     links = [link.split("#")[0] for link in re.findall(r"\]\(([^)\s]+)\)", text)]
     local = [link for link in links if link and not re.match(r"[a-z]+:", link)]
     assert not [link for link in local if not (page.parent / link).exists()]
+    # The site takes a Python file for a page, and has those of the notebooks alone.
+    scripts = [
+        link
+        for link in local
+        if link.endswith(".py") and "notebooks" not in (page.parent / link).resolve().parts
+    ]
+    assert not scripts, "name them in the text"
 
 
 def test_index_lists_notebooks_and_systems():

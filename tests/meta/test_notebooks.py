@@ -1,4 +1,4 @@
-"""Every notebook runs from top to bottom; its last cell asserts its headline figures."""
+"""Every notebook runs from top to bottom; its last cell, which the site runs and does not show, asserts its figures."""
 
 from pathlib import Path
 
@@ -23,6 +23,8 @@ def test_title_first_and_figures_last(path):
     notebook = jupytext.read(path)
     assert notebook.cells[0].source.startswith("# "), "a notebook begins with its title"
     assert "assert" in notebook.cells[-1].source
+    assert notebook.cells[-1].metadata.get("tags") == ["remove-cell"], "readers need no test"
+    assert not any("assert " in cell.source for cell in notebook.cells[:-1] if cell.cell_type == "code")
 
 
 @pytest.mark.slow  # CI leaves it out: the site executes every notebook, and fails as this does

@@ -1,19 +1,27 @@
 """Every public name is documented down to its arguments, and takes no argument it does not name."""
 
+import ast
 import builtins
 import enum
 import functools
 import importlib
+import importlib.util
 import inspect
 import pkgutil
 import re
+import subprocess
 import sys
 import typing
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import phyfilter_ctl as pf
+
+ROOT = Path(__file__).resolve().parents[2]
+
+ENVIRONMENTS = "phyfilter_ctl.wrappers.environments"  # imported by its name, with the extra gymnasium
 
 
 def public_modules():
@@ -165,3 +173,67 @@ def test_numpy_state_is_left_alone():
     before = np.geterr()
     pf.PhyFilter([400.0, 40.0]).sampled(0.01).run(np.zeros((10, 1)))
     assert np.geterr() == before
+
+
+# What models take from inside rooms: types of signatures, and what stands on simulators and on disk.
+INSIDE = {
+    "phyfilter_ctl._output",
+    "phyfilter_ctl.controllers.joint_torque",
+    "phyfilter_ctl.controllers.planner",
+    "phyfilter_ctl.fmi.description",
+    "phyfilter_ctl.fmi.instance",
+    "phyfilter_ctl.plants.algebra",
+    "phyfilter_ctl.plants.factory",
+    "phyfilter_ctl.plants.legged",
+    "phyfilter_ctl.plants.legged.rendering",
+    "phyfilter_ctl.plants.legged.simulator",
+}
+
+
+def blocks_of_pages():
+    """Python of README and pages, block by block, and notebooks."""
+    pages = {path: path.read_text() for path in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]}
+    blocks = {path: re.findall(r"^```python\n(.*?)^```", text, re.M | re.S) for path, text in pages.items()}
+    return blocks | {path: [path.read_text()] for path in (ROOT / "notebooks").glob("*.py")}
+
+
+def is_module(name):
+    try:
+        return importlib.util.find_spec(name) is not None
+    except ModuleNotFoundError:  # of what is no package
+        return False
+
+
+def imports_of(source):
+    """(module, name) of what Python text imports from the library, but for its models."""
+    for node in ast.walk(ast.parse(source)):
+        module = (node.module or "") if isinstance(node, ast.ImportFrom) and not node.level else ""
+        if module.split(".")[0] == "phyfilter_ctl" and not module.startswith("phyfilter_ctl.models"):
+            yield from ((module, alias.name) for alias in node.names)
+
+
+@pytest.mark.parametrize("kind", ["pages", "models"])
+def test_what_is_imported_is_listed(kind):
+    """Pages, notebooks and models take names that some ``__all__`` has, from where it has them."""
+    pages = {path: "\n".join(block) for path, block in blocks_of_pages().items()}
+    sources = (
+        pages if kind == "pages" else {path: path.read_text() for path in (ROOT / "models").rglob("*.py")}
+    )
+    wrong = set()
+    for path, source in sources.items():
+        for module, name in imports_of(source):
+            if module == ENVIRONMENTS:
+                continue
+            listed = getattr(importlib.import_module(module), "__all__", ())
+            inner = module.count(".") > 1 and module != "phyfilter_ctl.design.optimal"
+            if name not in listed and not is_module(f"{module}.{name}"):
+                wrong.add(f"{path.name}: {module} lists no {name}")
+            elif (inner or module == "phyfilter_ctl._output") and (kind == "pages" or module not in INSIDE):
+                wrong.add(f"{path.name}: {name} is inside {module}")
+    assert not wrong, "\n".join(sorted(wrong))
+
+
+def test_a_package_is_reached_by_its_name_alone():
+    code = "import phyfilter_ctl as pf; print(pf.fmi.Master.__name__, pf.baselines.compare.__name__)"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert said.stdout.split() == ["Master", "compare"]

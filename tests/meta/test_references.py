@@ -7,6 +7,7 @@ import inspect
 import pkgutil
 import re
 import typing
+import warnings
 from pathlib import Path
 
 import pytest
@@ -32,7 +33,12 @@ def member(thing, names):
         if isinstance(thing, property):
             thing = hints(thing.fget).get("return")
         fields = hints(thing) if inspect.isclass(thing) else {}
-        thing = getattr(thing, name, fields.get(name))
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", DeprecationWarning)  # a name of before is none to refer to
+                thing = getattr(thing, name, fields.get(name))
+        except DeprecationWarning:
+            thing = None
     return thing
 
 

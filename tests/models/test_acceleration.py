@@ -14,7 +14,7 @@ from scipy import stats
 
 from phyfilter_ctl import PhyFilter, models, save
 from phyfilter_ctl.cli import main
-from phyfilter_ctl.learned import Network
+from phyfilter_ctl.learned import Network, Windowed
 from phyfilter_ctl.recording import Recording
 
 ROOM = f"{models.__name__}.acceleration"
@@ -147,7 +147,7 @@ def test_flights_refuse_bad_options(kind, seed, share):
 def test_features_are_the_window_itself():
     """Summed up again, the steps give the past velocities: nothing is lost and nothing comes from the future."""
     v = np.random.default_rng(0).standard_normal((60, 3))
-    window = differentiator.WindowDifferentiator(differentiator.LeastSquaresSlope(8, 0.01), 8, 4)
+    window = Windowed(differentiator.least_squares_slope(8, 0.01), 8, 4)
     z = window.features(v).reshape(60, 8, 3)
     past = z[:, :1] - np.concatenate([np.zeros((60, 1, 3)), np.cumsum(z[:, 1:], axis=1)], axis=1)
     for j in range(8):
@@ -158,8 +158,8 @@ def test_features_are_the_window_itself():
 
 
 def test_least_squares_slope_is_polyfit():
-    v = np.random.default_rng(1).standard_normal((40, 2))
-    window = differentiator.WindowDifferentiator(differentiator.LeastSquaresSlope(6, 0.03), 6, 3)
+    v = np.random.default_rng(1).standard_normal((40, 3))
+    window = Windowed(differentiator.least_squares_slope(6, 0.03), 6, 3)
     t = 0.03 * np.arange(6)
     expected = np.polyfit(t, v[30 - 15 : 31 : 3], 1)[0]
     np.testing.assert_allclose(window.predict(v)[30], expected, rtol=1e-12)
@@ -357,10 +357,7 @@ def test_sampling_intervals_begin_with_the_comparison(quick, monkeypatch):
 
 def test_diagram_is_the_filter_run_on_the_networks_estimate():
     train = sine_flight(1.0, seed=2)
-    chosen = differentiator.WindowDifferentiator(Network(hidden=(5, 5), max_iterations=20), 4, 2)
-    network = differentiator.WindowDifferentiator(
-        chosen.model.fit(chosen.features(train.x), train.label).model, 4, 2
-    )
+    network = Windowed(Network(hidden=(5, 5), max_iterations=20), 4, 2).fit(train.x, train.label).model
     sampled = PhyFilter.from_poles([-10.0, -30.0]).sampled(0.01)
     system = diagram.build(network, sampled)
     v = sine_flight(1.4, n=120, seed=5).x

@@ -168,7 +168,7 @@ def random_cases(count: int, seed: int) -> list[Case]:
         type_ = int(rng.integers(1, order + 1))
         kp, kd = float(np.exp(rng.uniform(0.0, 3.0))), float(np.exp(rng.uniform(0.7, 2.5)))
         case = Case(
-            pf.place_poles(poles, numerator=type_),
+            pf.place_poles(poles, type=type_),
             kp * (rng.random() < 0.8),
             kd * (rng.random() < 0.9),
             float(np.exp(rng.uniform(-0.7, 0.7))),

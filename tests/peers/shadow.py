@@ -104,7 +104,7 @@ def _verdict(
     system: Any, arguments: tuple[Any, ...], params: Any, backend: Any, reference: Any, tight: dict[str, Any]
 ) -> dict[str, Any]:
     times, inputs, start = arguments
-    options: Any = {"backend": backend, "rtol": tight["rtol"], "atol": tight["atol"], "squeeze": False}
+    options: Any = {"backend": backend, "rtol": tight["rtol"], "atol": tight["atol"]}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -120,8 +120,8 @@ def _verdict(
                 for name, all_ in spelt.items()
                 for full in all_
             }
-            ours, first = _measured(lambda: pf.simulate(flat, times, inputs, start, **options))
-            _, again = _measured(lambda: pf.simulate(flat, times, inputs, start, **options))
+            ours, first = _measured(lambda: pf.simulate(flat, times, inputs, start, **options)(squeeze=False))
+            _, again = _measured(lambda: pf.simulate(flat, times, inputs, start, **options)(squeeze=False))
     except CompilerError as error:
         return {"verdict": "crashed", "why": str(error)}
     except Exception as error:

@@ -15,11 +15,11 @@ from phyfilter_ctl.plants import (
     aerial_manipulator,
     coupling_force,
     coupling_torque,
-    payload_motion,
     quadrotor,
     rigid_body,
     small_arm,
 )
+from phyfilter_ctl.plants.coupling import payload_motion
 
 # Rounding of some thousand operations on forces and accelerations up to 1e3.
 EXACT = 1e-10
@@ -112,11 +112,11 @@ def test_accelerations_solve_the_six_equations():
         np.testing.assert_allclose(np.concatenate([dx[V], dx[OMEGA]]), expected, rtol=EXACT, atol=EXACT)
 
 
-@pytest.mark.parametrize("nominal", [{}, {"nominal_mass": 3.0, "nominal_J": (0.05, 0.06, 0.07)}])
+@pytest.mark.parametrize("nominal", [(None, None), (3.0, (0.05, 0.06, 0.07))])
 def test_balance_in_nominal_mass_and_inertia(nominal):
-    plant = aerial_manipulator(**UNEQUAL, **nominal)
-    m = nominal.get("nominal_mass", UNEQUAL["mass"])
-    inertia, drag = np.array(nominal.get("nominal_J", UNEQUAL["J"])), np.array(UNEQUAL["drag"])
+    plant = aerial_manipulator(**UNEQUAL, nominal=nominal)
+    m = nominal[0] or UNEQUAL["mass"]
+    inertia, drag = np.array(nominal[1] or UNEQUAL["J"]), np.array(UNEQUAL["drag"])
     rng = np.random.default_rng(2)
     for _ in range(20):
         x, u = anywhere(rng)
@@ -342,7 +342,7 @@ def test_servo_keeps_its_limits():
 
 def test_it_starts_in_equilibrium_and_carries_its_weight():
     for mount in ([0.06, 0.0, -0.04], [-0.1, 0.03, 0.0]):
-        plant = aerial_manipulator(arm=small_arm(mount=mount), nominal_mass=3.0)
+        plant = aerial_manipulator(arm=small_arm(mount=mount), nominal=(3.0, None))
         start = [entry.start for entry in plant.functions.inputs]
         np.testing.assert_allclose(plant.dynamics(0.0, plant.start_state, start), 0.0, atol=EXACT)
         assert plant.start_state[ROTOR].sum() == pytest.approx(3.0 * G)
@@ -390,15 +390,16 @@ BAD = [
     ({"mass": -0.4}, "mass: expected a finite number > 0"),
     ({"J": (1.0, 1.0)}, "J: expected shape"),
     ({"J": (1.0, 1.0, -1.0)}, "J: expected three moments"),
-    ({"nominal_J": (1.0, 0.0, 1.0)}, "nominal_J: expected three moments"),
-    ({"nominal_mass": 0.0}, "nominal_mass: expected a finite number > 0"),
+    ({"nominal": (None, (1.0, 0.0, 1.0))}, "nominal_J: expected three moments"),
+    ({"nominal": (0.0, None)}, "nominal_mass: expected a finite number > 0"),
     ({"drag": (-1.0, 0.0, 0.0)}, "drag: expected three"),
     ({"rotor_max": 5.0}, "rotor_max: expected at least 7.3"),
     ({"rotor_arm": 0.0}, "rotor_arm: expected a finite number > 0"),
     ({"torque_ratio": -1.0}, "torque_ratio: expected a finite number > 0"),
     ({"motor_lag": 0.0}, "motor_lag: expected a finite number > 0"),
-    ({"servo_bandwidth": 0.0}, "servo_bandwidth: expected a finite number > 0"),
-    ({"servo_damping": np.nan}, "servo_damping: expected a finite number > 0"),
+    ({"servo": (0.0, 1.0)}, "servo_bandwidth: expected a finite number > 0"),
+    ({"servo": 40.0}, "servo: expected a pair, bandwidth"),
+    ({"servo": (40.0, np.nan)}, "servo_damping: expected a finite number > 0"),
     ({"gravity": -9.81}, "gravity: expected 0 m/s"),
     ({"arm": small_arm(mount=(3.0, 0.0, 0.0))}, "arm: at its home joints .* mount it nearer"),
 ]
@@ -413,3 +414,8 @@ def test_bad_input_is_refused(change, message):
 def test_an_arm_is_an_arm():
     with pytest.raises(TypeError, match=r"arm: expected a SerialArm, .* got float"):
         aerial_manipulator(arm=0.25)
+
+
+def test_wind_and_payload_may_be_left_open():
+    optional = {entry.name.split("[")[0] for entry in VEHICLE.functions.inputs if entry.optional}
+    assert optional == {"wind", "payload"}

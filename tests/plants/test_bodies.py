@@ -12,17 +12,15 @@ from phyfilter_ctl.plants import (
     dot,
     mass,
     norm,
-    quaternion_product,
-    quaternion_rate,
     rigid_body,
     rotate,
     rotate_back,
-    rotation_matrix,
     skew,
     solve,
     stack,
     where,
 )
+from phyfilter_ctl.plants.algebra import quaternion_product, quaternion_rate, rotation_matrix
 
 EXACT = 1e-13
 # python-control's adaptive run at the tolerances below.

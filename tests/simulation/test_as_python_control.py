@@ -31,7 +31,9 @@ def same(system, times, *arguments, **keywords):
     """The two responses; how ct is to integrate is its own business."""
     ivp = EXACT if ct.isctime(system) else {}
     expected = ct.input_output_response(system, times, *arguments, **keywords, **ivp)
-    found = simulate(system, times, *arguments, **keywords)
+    at, squeeze = keywords.pop("t_eval", None), keywords.pop("squeeze", None)
+    found = simulate(system, times if at is None else (times, at), *arguments, **keywords)
+    found = found if squeeze is None else found(squeeze=squeeze)
     np.testing.assert_allclose(found.time, expected.time, rtol=1e-12)
     assert found.outputs.shape == expected.outputs.shape
     np.testing.assert_allclose(found.outputs, expected.outputs, atol=CLOSE)
@@ -166,21 +168,29 @@ def test_the_response_at_times_of_its_own(system, at):
 def test_a_discrete_response_at_times_of_its_own():
     lag = ct.ss([[0.5]], [[1.0]], [[1.0]], 0.0, 0.1)
     same(lag, np.array([0.0, 1.0]), np.array([1.0, 3.0]), t_eval=0.1 * np.arange(11))
-    with pytest.raises(ValueError, match="t_eval: expected the sampling interval"):
-        simulate(lag, T, U, t_eval=[0.0, 0.2])
+    with pytest.raises(ValueError, match="timepts: expected the sampling interval"):
+        simulate(lag, (T, [0.0, 0.2]), U)
 
 
 def test_held_inputs_are_held_between_times_too():
     lag = ct.tf([1.0], [1.0, 1.0])
     dense = simulate(lag, np.linspace(0.0, 1.0, 41), np.repeat(U, 4)[:41], interpolation="hold")
-    found = simulate(lag, T, U, interpolation="hold", t_eval=dense.time)
+    found = simulate(lag, (T, dense.time), U, interpolation="hold")
     np.testing.assert_allclose(found.outputs, dense.outputs, atol=CLOSE)
+
+
+def test_a_batch_has_times_of_its_own_too():
+    at = [0.05, 0.3, 0.95]
+    runs = simulate_batch(THREE, (T, at), U, np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))
+    assert runs.states.shape == (2, 3, 3)
+    single = simulate(THREE, (T, at), U, [0.0, 1.0, 0.0])
+    np.testing.assert_allclose(runs.states[1], single.states, atol=CLOSE)
 
 
 def test_times_beyond_those_of_the_inputs_are_refused():
     for at in ([-0.1, 0.5], [0.5, 1.1]):
-        with pytest.raises(ValueError, match="t_eval: expected times from 0 to 1 s"):
-            simulate(THREE, T, U, t_eval=at)
+        with pytest.raises(ValueError, match="timepts: expected times of the response from 0 to 1 s"):
+            simulate(THREE, (T, at), U)
 
 
 def test_a_batch_corrects_too():

@@ -11,7 +11,7 @@ import pytest
 import phyfilter_ctl as pf
 from phyfilter_ctl.codegen.compiler import compile_sources
 from phyfilter_ctl.simulation.adaptive import Integrator
-from phyfilter_ctl.simulation.limits import Limits
+from phyfilter_ctl.simulation.limits import Budget
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
 MAIN = """
@@ -64,7 +64,7 @@ def test_bouncing_ball():
 def test_a_run_that_is_put_back_forgets_its_events():
     """As after a step that the error rejects: the log has the bounces that count, each once."""
     flat, none = pf.flatten(models.bouncing_ball()), np.zeros(0)
-    integrator = Integrator(flat, flat.start_parameters(), Limits(1000), **TIGHT)
+    integrator = Integrator(flat, flat.start_parameters(), Budget(1000), **TIGHT)
     first, _ = integrator.run(np.array([1.0, 0.0, 1.0]), none, (0.0, 1.0), (none, none), none)
     saved, met = integrator.state, list(integrator.watch.log)
     assert [name for _, name in met] == ["hit"]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import phyfilter_ctl as pf
-from phyfilter_ctl.fmi import FmuSolver
+from phyfilter_ctl.fmi import FmuExperiment, FmuSolver
 
 pytestmark = pytest.mark.slow
 
@@ -24,7 +24,8 @@ def exported(name, version, folder):
     make, start, end = RUNS[name]
     flat = pf.flatten(make())
     solver = FmuSolver("adaptive", rtol=1e-9, atol=1e-11)
-    return flat, pf.export_fmu(flat, folder / f"{name}.fmu", fmi=version, solver=solver), start, end
+    experiment = FmuExperiment(solver=solver)
+    return flat, pf.export_fmu(flat, folder / f"{name}.fmu", fmi=version, experiment=experiment), start, end
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])

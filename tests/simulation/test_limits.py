@@ -8,6 +8,7 @@ import pytest
 
 import phyfilter_ctl as pf
 from phyfilter_ctl.diagram.fixed_step import largest_stable_step
+from phyfilter_ctl.simulation import Limits
 
 # R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24 leaves the unit disc there: the root of z^3/24 + z^2/6 + z/2 + 1, and sqrt 8.
 REAL_AXIS, IMAGINARY_AXIS = 2.785293563405282, 8.0**0.5
@@ -29,7 +30,7 @@ def relay_loop():
 
 def run(backend, **limits):
     return pf.simulate(
-        relay_loop(), [0.0, 0.5, 2.0], initial_state=[0.5], method="adaptive", backend=backend, **limits
+        relay_loop(), [0.0, 0.5, 2.0], initial_state=[0.5], method="adaptive", backend=backend, limits=limits
     )
 
 
@@ -66,12 +67,12 @@ def test_time_limit(backend):
 def test_step_budget_of_fixed_steps():
     lag = ct.nlsys(lambda t, x, u, p: [-(x[0] ** 3)], None, inputs=1, outputs=1, states=1, name="lag")
     answer = pf.simulate(
-        lag, [0.0, 1.0], 0.0, [1.0], method="rk4", max_step=1e-4, backend="vm", max_steps=9000
+        lag, [0.0, 1.0], 0.0, [1.0], method="rk4", max_step=1e-4, backend="vm", limits={"max_steps": 9000}
     )
     assert not answer.success
     assert "9000 steps allowed (max_steps) are spent" in answer.message
     enough = pf.simulate(
-        lag, [0.0, 1.0], 0.0, [1.0], method="rk4", max_step=1e-4, backend="vm", max_steps=10_001
+        lag, [0.0, 1.0], 0.0, [1.0], method="rk4", max_step=1e-4, backend="vm", limits={"max_steps": 10_001}
     )
     assert enough.outputs[-1] == pytest.approx(3**-0.5, abs=1e-12)
 
@@ -82,10 +83,10 @@ def test_what_the_steps_allowed_reach_is_returned(method):
     lag = pf.flatten(ct.ss([[-1.0]], [[1.0]], [[1.0]], [[0.0]], name="lag"))
     times = np.linspace(0.0, 1.0, 1001)
     if method == "numpy":
-        answer = pf.simulate(lag, times, 0.0, [1.0], backend="numpy", max_steps=500)
+        answer = pf.simulate(lag, times, 0.0, [1.0], backend="numpy", limits={"max_steps": 500})
     else:
         answer = pf.simulate(
-            lag, times, 0.0, [1.0], method=method, backend="vm", max_step=1e-3, max_steps=500
+            lag, times, 0.0, [1.0], method=method, backend="vm", max_step=1e-3, limits={"max_steps": 500}
         )
     assert not answer.success
     assert answer.failed_at == pytest.approx(0.5, abs=1e-12)
@@ -101,7 +102,32 @@ def test_what_the_steps_allowed_reach_is_returned(method):
 @pytest.mark.parametrize("wrong", [{"max_steps": 0}, {"max_steps": 2.5}, {"time_limit": 0.0}])
 def test_limits_are_checked(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
-        pf.simulate(ct.tf([1.0], [1.0, 1.0]), [0.0, 1.0], 1.0, **wrong)
+        pf.simulate(ct.tf([1.0], [1.0, 1.0]), [0.0, 1.0], 1.0, limits=wrong)
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        ({"max_step": 5}, "limits: expected max_steps, .*'max_step'; did you mean 'max_steps'"),
+        ({"workers": 2}, "workers are of simulate_batch"),
+        ({"workers": 0}, "workers"),
+    ],
+)
+def test_limits_are_named(limits, message):
+    with pytest.raises(ValueError, match=message):
+        pf.simulate(ct.tf([1.0], [1.0, 1.0]), [0.0, 1.0], 1.0, limits=limits)
+    with pytest.raises(TypeError, match="limits: expected a Limits or a mapping"):
+        pf.simulate(ct.tf([1.0], [1.0, 1.0]), [0.0, 1.0], 1.0, limits=5)
+
+
+def test_limits_are_a_value_too():
+    lag = ct.nlsys(lambda t, x, u, p: [-(x[0] ** 3)], None, inputs=1, outputs=1, states=1, name="lag")
+    given = {"method": "rk4", "max_step": 1e-2, "backend": "vm"}
+    one, other = (
+        pf.simulate(lag, [0.0, 1.0], 0.0, [1.0], **given, limits=limits)
+        for limits in (Limits(max_steps=50), {"max_steps": 50})
+    )
+    assert one.message == other.message != ""
 
 
 @pytest.mark.parametrize(
@@ -162,5 +188,6 @@ def test_export_checks_other_operating_points(tmp_path):
 @pytest.mark.slow
 def test_fmu_refuses_it_too(tmp_path):
     lag = ct.tf([1.0], [0.34e-3, 1.0], name="lag")
+    experiment = pf.fmi.FmuExperiment(solver=pf.fmi.FmuSolver(step=1e-3))
     with pytest.raises(ValueError, match=r"FmuSolver\(step=0.000946\)"):
-        pf.export_fmu(lag, tmp_path / "lag.fmu", platforms=(), solver=pf.fmi.FmuSolver(step=1e-3))
+        pf.export_fmu(lag, tmp_path / "lag.fmu", platforms=(), experiment=experiment)

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from phyfilter_ctl import Loop, PhyFilter, flatten, linearize_sampled, margins, sampled_open_loop
 from phyfilter_ctl.analysis import SystemMargins
 from phyfilter_ctl.blocks import sampled_block, wired
-from phyfilter_ctl.diagram import open_loop
+from phyfilter_ctl.diagram.opening import open_loop
 from phyfilter_ctl.plants import mass, plant
 from phyfilter_ctl.simulation import simulate
 

@@ -65,7 +65,7 @@ def test_response_is_python_controls():
     np.testing.assert_array_equal(outputs, response.outputs)
     single = ct.tf([1.0], [1.0, 1.0])
     assert simulate(single, TIMES, 1.0).outputs.shape == (61,)
-    assert simulate(single, TIMES, 1.0, squeeze=False).outputs.shape == (1, 61)
+    assert simulate(single, TIMES, 1.0)(squeeze=False).outputs.shape == (1, 61)
     with mpl.rc_context({"backend": "Agg"}):
         figure = response.plot().figure
         assert len(figure.axes) == 4
@@ -198,5 +198,5 @@ def test_wrong_options_are_refused():
 
 
 def test_progress_bar_shows(capfd):
-    simulate(ct.tf([1.0], [1.0, 1.0]), np.linspace(0.0, 10.0, 20001), 1.0, progress=True)
+    simulate(ct.tf([1.0], [1.0, 1.0]), np.linspace(0.0, 10.0, 20001), 1.0, limits={"progress": True})
     assert "simulated: 100%" in capfd.readouterr().err

@@ -61,7 +61,9 @@ def stopped():
 
 
 def test_each_run_of_a_batch_tells_of_its_own_failure():
-    runs = simulate_batch(stopped(), [0.0, 5.0], params={"stop": [1.0, 2.0, 3.0, 100.0]}, workers=4)
+    runs = simulate_batch(
+        stopped(), [0.0, 5.0], params={"stop": [1.0, 2.0, 3.0, 100.0]}, limits={"workers": 4}
+    )
     for run, stop in zip(runs[:3], (1.0, 2.0, 3.0), strict=True):
         assert f"raised ValueError: stop at {stop}" in str(run.message)
         assert 0.0 < run.callbacks["stopped"] <= 1.0
@@ -72,10 +74,10 @@ def test_python_blocks_stay_in_their_process():
     with (
         Executor(workers=2) as executor,
         pytest.raises(
-            ValueError, match=r"executor: block stopped runs as Python \(.*eigvals.*workers= runs a batch"
+            ValueError, match=r"workers: block stopped runs as Python \(.*eigvals.*a number runs the batch"
         ),
     ):
-        simulate_batch(stopped(), [0.0, 1.0], params={"stop": [1.0, 2.0]}, executor=executor)
+        simulate_batch(stopped(), [0.0, 1.0], params={"stop": [1.0, 2.0]}, limits={"workers": executor})
 
 
 INPUTS = [np.sign(np.sin(5.0 * TIMES)), 0.4, 0.0]
@@ -90,7 +92,7 @@ def test_batch_is_the_single_runs_bit_for_bit(loop, linear_loop, method, backend
     masses, gains = np.linspace(0.8, 1.6, 5), np.linspace(6.0, 12.0, 5)
     options = {"method": method, "backend": backend}
     many = simulate_batch(
-        loop, TIMES, INPUTS, params={"m": masses, "kp": gains, "kd": 4.0}, workers=2, **options
+        loop, TIMES, INPUTS, params={"m": masses, "kp": gains, "kd": 4.0}, limits={"workers": 2}, **options
     )
     assert len(many) == 5
     for run, m, kp in zip(many, masses, gains, strict=True):
@@ -106,7 +108,7 @@ def test_other_processes_find_the_same_numbers(loop):
     options = {"initial_state": starts, "method": "rk4", "backend": "vm"}
     expected = simulate_batch(loop, TIMES, INPUTS, **options)
     with Executor(2) as executor:
-        found = simulate_batch(loop, TIMES, INPUTS, executor=executor, **options)
+        found = simulate_batch(loop, TIMES, INPUTS, limits={"workers": executor}, **options)
         assert list(executor.map(abs, [-1])) == [1]  # it is its owner's to close
     for one, other in zip(expected, found, strict=True):
         assert (other.success, other.message, other.output_labels) == (
@@ -130,9 +132,7 @@ def test_batches_of_starts_and_inputs(loop):
         with pytest.raises(ValueError, match="expected one number B of runs"):
             simulate_batch(loop, TIMES, 0.0, **arguments)
     with pytest.raises(ValueError, match="workers"):
-        simulate_batch(loop, TIMES, inputs, workers=0)
-    with pytest.raises(ValueError, match="workers and executor: expected one of them"):
-        simulate_batch(loop, TIMES, inputs, workers=2, executor=Executor(1))
+        simulate_batch(loop, TIMES, inputs, limits={"workers": 0})
 
 
 def test_a_run_that_fails_leaves_the_others_alone():

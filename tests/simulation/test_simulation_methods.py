@@ -298,7 +298,9 @@ def test_steps_from_node_to_node_count_as_steps():
     system = ct.nlsys(swing, None, inputs=1, outputs=2, states=2, params={"pull": 9.8}, name="swing")
     times = np.linspace(0.0, 20.0, 2001)
     free = simulate(system, times, np.sin(times), method="adaptive", backend="vm")
-    short = simulate(system, times, np.sin(times), method="adaptive", backend="vm", max_steps=1500)
+    short = simulate(
+        system, times, np.sin(times), method="adaptive", backend="vm", limits={"max_steps": 1500}
+    )
     assert free.steps < 2050
     assert not short.success
     assert 14.5 < short.failed_at < 15.0

@@ -23,7 +23,7 @@ def test_interval_covers_the_median_as_often_as_it_says() -> None:
 
 def test_few_values_give_their_range() -> None:
     interval = median_interval([3.0, 1.0, 2.0])
-    assert (interval.median, interval.low, interval.high) == (2.0, 1.0, 3.0)
+    assert (interval.value, interval.low, interval.high) == (2.0, 1.0, 3.0)
 
 
 @pytest.mark.parametrize("values", [[], [[1.0, 2.0]]])
@@ -35,7 +35,7 @@ def test_no_row_of_numbers_is_refused(values: list[object]) -> None:
 def test_reduction_is_taken_flight_by_flight() -> None:
     ours, theirs = np.array([1.0, 8.0, 1.0]), np.array([2.0, 10.0, 1.0])
     found = reduction(ours, theirs)
-    np.testing.assert_allclose([found.median, found.low, found.high], [20.0, 0.0, 50.0], atol=1e-12)
+    np.testing.assert_allclose([found.value, found.low, found.high], [20.0, 0.0, 50.0], atol=1e-12)
     with pytest.raises(ValueError, match="same flights"):
         reduction(ours, theirs[:2])
 
@@ -51,4 +51,4 @@ def test_methods_are_scored_case_by_case_and_the_middle_flight_is_shown() -> Non
     assert said == ["pd, still", "pd, wind", "filter, still", "filter, wind"]
     assert scores.interval("wind", "pd", "error") == median_interval([0.6, 0.2, 0.4])
     assert scores.middle("still", "pd", "error") == 2
-    assert scores.reduction("wind", "pd", of="filter", figure="error").median == pytest.approx(50.0)
+    assert scores.reduction("wind", "pd", of="filter", figure="error").value == pytest.approx(50.0)

@@ -12,7 +12,7 @@ from ...filter import PhyFilter, SampledPhyFilter
 from ...values import Bounded, Implementation
 from ...values.disturbance import bounded
 from ..channels import per_channel
-from ..options import input_gains
+from ..options import checked_filter, input_gains
 from . import kernels, quadratic
 from .implementation import Run
 from .kernels import Certificate, Kernel
@@ -89,13 +89,14 @@ def error_bound(
     >>> round(error_bound(PhyFilter([400.0, 40.0]), {1: 3.0}).bound, 9)
     0.3
     """
-    if method not in get_args(Method):
+    filter = checked_filter(filter)
+    if not isinstance(method, str) or method not in get_args(Method):
         raise ValueError(f"method: expected one of {', '.join(get_args(Method))}, got {method!r}")
     bounds = of_error(disturbance)
     implementation, noise, rate = bounds.implementation, bounds.noise, bounds.rate or 0.0
     inertia_error, given = bounds.inertia_error, dict(bounds.parts[0])
     inputs = input_gains(filter, inertia, needed=bool(noise or implementation))
-    prior, heard = inputs.g * inertia_error * rate, inputs.x * noise
+    wrong, heard = inputs.g * inertia_error * rate, inputs.x * noise
     if isinstance(filter, SampledPhyFilter):
         if method != "exact":
             raise ValueError(
@@ -105,7 +106,7 @@ def error_bound(
         usable = _usable(given, sampled.highest, filter)
         enclosures = {k: sampled.error(k) for k in usable}
         gains = {k: enclosure.upper for k, enclosure in enclosures.items()}
-        prior_gain = sampled.estimate().upper if prior else 0.0
+        inertia_gain = sampled.estimate().upper if wrong else 0.0
         noise_gain = sampled.noise().upper if heard else 0.0
         run = Run(sampled, implementation or Implementation(), rate, noise, inputs)
         terms, covered, assumed = run.terms(), run.covered(), run.assumed()
@@ -121,7 +122,7 @@ def error_bound(
         }
         gains = {k: gain for k, (gain, _) in results.items()}
         proofs = {k: proof for k, (_, proof) in results.items() if proof is not None}
-        prior_gain = _gain_of(kernels.estimate_kernel(filter), method, filter) if prior else 0.0
+        inertia_gain = _gain_of(kernels.estimate_kernel(filter), method, filter) if wrong else 0.0
         noise_gain = _gain_of(kernels.noise_kernel(filter), method, filter) if heard else 0.0
     best = min(usable, key=lambda k: gains[k] * given[k])
     intrinsic, certificate = gains[best] * given[best], enclosures.get(best)
@@ -136,7 +137,7 @@ def error_bound(
         method,
         given,
         intrinsic,
-        prior_gain * prior,
+        inertia_gain * wrong,
         noise_gain * heard,
         best,
         gains,
@@ -206,7 +207,7 @@ def _usable(given: Mapping[int, float], limit: int, filter: PhyFilter | SampledP
             reason = f"infinite: {_left_over(filter, limit)}; bound a derivative up to order {limit}"
         else:
             type_helps = isinstance(filter, PhyFilter) or least == 1
-            other = f", or use a filter of type {least} (numerator_of_type)" if type_helps else ""
+            other = f", or use a filter of type {least}, place_poles(..., type={least})" if type_helps else ""
             reason = (
                 f"infinite: the filter is of type {shared.type}, so a residual whose derivative of order {least} is "
                 f"bounded can grow without end and the error with it; bound a derivative up to order {limit}{other}"

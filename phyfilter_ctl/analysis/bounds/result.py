@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Literal, NamedTuple
 
 import control as ct
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ... import _signals
+from ..._renamed import former_field
 from ..._sections import FloatArray
 from ...filter import PhyFilter, SampledPhyFilter
 from ...results import Result
@@ -59,7 +61,7 @@ class ErrorBound(Result):
     bound : float
         |f - f_hat| stays below it once the start is forgotten: the sum of ``parts``. At the samples, for a sampled
         filter; see ``between_samples``.
-    intrinsic, prior, noise : float
+    intrinsic, inertia, noise : float
         Its parts: from the residual, from the wrong inertia, from the noise of x.
     implementation : dict of str to float
         Further parts, from what the filter meets as it runs; see :class:`Implementation`.
@@ -90,7 +92,7 @@ class ErrorBound(Result):
         "residual",
         "bound",
         "intrinsic",
-        "prior",
+        "inertia",
         "noise",
         "implementation",
         "between_samples",
@@ -102,13 +104,16 @@ class ErrorBound(Result):
         "assumptions",
         "unit",
     )
+    _units = MappingProxyType(
+        dict.fromkeys(("bound", "intrinsic", "inertia", "noise", "implementation", "between_samples"), "{}")
+    )
     _answer = ("bound",)
 
     system: PhyFilter | SampledPhyFilter
     method: Method
     residual: dict[int, float]
     intrinsic: float
-    prior: float
+    inertia: float
     noise: float
     derivative: int | None
     gains: dict[int, float]
@@ -121,11 +126,16 @@ class ErrorBound(Result):
     jitter: float = field(default=0.0, repr=False)
 
     @property
+    def prior(self) -> float:
+        """``inertia`` by its name of 0.2."""
+        return former_field(self, "prior", "inertia")
+
+    @property
     def parts(self) -> dict[str, float]:
         """What the bound is the sum of, by name."""
         return {
             "residual": self.intrinsic,
-            "inertia": self.prior,
+            "inertia": self.inertia,
             "noise": self.noise,
             **self.implementation,
         }
@@ -161,7 +171,7 @@ class ErrorBound(Result):
             return self.bound
         sampling = sampled.sampling
         later = replace(sampling, delay=sampling.delay + sampling.dt + self.jitter)
-        late = SampledPhyFilter(sampled.filter, later, E=sampled.E)
+        late = SampledPhyFilter(sampled.filter, later)
         given = {k: value for k, value in self.residual.items() if k <= 2}
         kernel = SampledKernels(late)
         found = [kernel.error(k).upper * given[k] for k in given if k <= kernel.highest]
@@ -284,7 +294,7 @@ class ErrorBound(Result):
         k = self.derivative
         assert k is not None
         assert isinstance(self.system, PhyFilter)
-        total = self.prior + self.noise + self._grown(t)
+        total = self.inertia + self.noise + self._grown(t)
         for j, value in (initial or {}).items():
             if not 0 <= j < k:
                 raise ValueError(f"initial: expected derivatives 0 ... {k - 1}, got {j}")

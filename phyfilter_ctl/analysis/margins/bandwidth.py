@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -41,6 +42,8 @@ class BandwidthLimit(Result):
     message : str
         What was found, and what to try.
     """
+
+    _units = MappingProxyType({"limit": "rad/s"})
 
     _answer = ("limit",)
 

@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike
 from ... import _signals
 from ..._sections import ComplexArray, FloatArray
 from ...filter import PhyFilter, SampledPhyFilter
-from ...values import Loop, Told
+from ...values import Loop
 from ...values.actuator import checked_actuator
+from ...values.loop import Told
 from ..channels import per_channel
-from ..options import assumed
+from ..options import assumed, checked_filter
 from . import sweep
 from ._applied import AppliedLoop, opened
 from ._continuous import ContinuousLoop
@@ -258,8 +259,8 @@ def build_loop(
     filter: PhyFilter | SampledPhyFilter, loop: Loop, dt: float | None
 ) -> tuple[PhyFilter | SampledPhyFilter, ContinuousLoop | SampledLoop]:
     """The filter as it runs, and its loop; all arguments checked."""
-    if not isinstance(filter, PhyFilter | SampledPhyFilter):
-        raise TypeError(f"filter: expected a PhyFilter or a SampledPhyFilter, got {type(filter).__name__}")
+    filter = checked_filter(filter)
+    dt = None if dt is None else _signals.number("dt", dt, "s", above=0.0)
     around = checked_actuator(loop.system), loop.delay, loop.kp, loop.kd
     if isinstance(filter, PhyFilter):
         if dt is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import cast
 
 import control as ct
@@ -73,6 +74,7 @@ class InertiaCertificate(Result):
         "assumptions",
         "message",
     )
+    _units = MappingProxyType({"rate": "1/s"})
 
     status: Status
     method: str

@@ -200,6 +200,8 @@ def saturation_margin(
     [8.4, 8.0]
     """
     around = checked_loop(loop)
+    if g is not None and not isinstance(g, str):
+        raise TypeError(f"g: expected one of {', '.join(get_args(KnownActuation))}, got {g!r}")
     known: KnownActuation = g or ("applied" if around.g == "applied" else "saturated")
     if known not in get_args(KnownActuation):
         raise ValueError(f"g: expected {', '.join(map(repr, get_args(KnownActuation)))}, got {g!r}")

@@ -129,7 +129,7 @@
  * @property {SessionData | null} [session] that Python was started with
  */
 /**
- * What Python answers, by the op of the question; handle.py says what is asked.
+ * What Python answers, by the op of the question; handling.py says what is asked.
  * @typedef {object} Answers
  * @property {Hello} hello
  * @property {{numbers: Figure[], verdict?: Sentence[], messages?: string[], frequency: {omega: number[], F: Samples[]}}} design

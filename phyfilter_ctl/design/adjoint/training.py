@@ -13,10 +13,11 @@ from typing import Literal, get_args
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from ..._renamed import takes_former
 from ..._sections import FloatArray
 from ...filter import PaperFilter, PhyFilter, SampledPhyFilter
 from ...recording import Recording
-from ...results import Result, Status
+from ...results import Result, SearchResult, Status
 from ..learning.parametrisation import Chain, chain_of
 from .costs import SquaredError, StageCost
 from .gradient import Record, gradient_of, listed, record_of, summed, terms_of
@@ -29,7 +30,7 @@ Coordinates = Literal["coefficients", "hurwitz"]
 
 @dataclass(frozen=True)
 class Adam:
-    """The optimiser of Algorithm 2.
+    """The optimiser of Algorithm 2: a step, the mini-batches it takes, and when to stop.
 
     Parameters
     ----------
@@ -41,6 +42,14 @@ class Adam:
         Forgetting factors of the means of the gradient and of its square.
     epsilon : float
         Guards the division, relative to the unit of the gradient.
+    batch : int
+        Segments whose gradients are added before a step.
+    patience : int
+        Epochs without a better validation cost before it stops.
+    max_epochs : int
+        Most passes over the segments.
+    seed : int
+        Seed of the order of the segments.
 
     Raises
     ------
@@ -62,8 +71,14 @@ class Adam:
     beta1: float = 0.9
     beta2: float = 0.999
     epsilon: float = 1e-12
+    batch: int = 1
+    patience: int = 20
+    max_epochs: int = 200
+    seed: int = 0
 
     def __post_init__(self) -> None:
+        _check_counts(batch=self.batch, patience=self.patience, max_epochs=self.max_epochs)
+        _check_counts(least=0, seed=self.seed)
         if self.rate is not None and not (np.isfinite(self.rate) and self.rate > 0.0):
             raise ValueError(f"rate: expected a positive learning rate, got {self.rate!r}")
         for name in ("beta1", "beta2"):
@@ -93,7 +108,7 @@ class Adam:
 
 
 @dataclass(frozen=True, repr=False)
-class TrainResult(Result):
+class TrainResult(Result, SearchResult[PhyFilter]):
     """What :func:`train` gave.
 
     Attributes
@@ -122,7 +137,13 @@ class TrainResult(Result):
     status: Status
     message: str
 
+    @property
+    def best(self) -> PhyFilter:
+        """``filter``: what every search calls what it found."""
+        return self.filter
 
+
+@takes_former
 def train(
     logs: Recording | Sequence[Recording],
     filter0: PhyFilter | SampledPhyFilter | PaperFilter,
@@ -132,14 +153,10 @@ def train(
     terminal: StageCost | None = None,
     segment: int | None = None,
     warmup: int = 0,
-    batch: int = 1,
     optimiser: Adam | None = None,
     coordinates: Coordinates = "coefficients",
     validation: float = 0.2,
-    patience: int = 20,
-    max_epochs: int = 200,
     callback: Callable[[int, float, PhyFilter], bool | None] | None = None,
-    seed: int = 0,
 ) -> TrainResult:
     """Algorithm 2: train the coefficients by Adam on mini-batches of segments, with early stopping.
 
@@ -159,23 +176,15 @@ def train(
         takes each flight whole.
     warmup : int
         Steps run before each segment without being scored, so that it does not start at rest.
-    batch : int
-        Segments whose gradients are added before a step of the optimiser.
     optimiser : Adam, optional
-        With its learning rate; None means ``Adam()``.
+        With its learning rate, mini-batches and most epochs; None means ``Adam()``.
     coordinates : {"coefficients", "hurwitz"}
         What the optimiser moves: the raw coefficients as in the paper, which may leave the stable region; or the
         logarithms of Routh's ratios of D (and b scaled to one size), which cannot.
     validation : float
         Share of each flight, at its end, kept to decide when to stop; 0 decides on the training part.
-    patience : int
-        Epochs without a better validation cost before it stops.
-    max_epochs : int
-        Most passes over the segments.
     callback : callable, optional
         (epoch, validation cost, filter) -> stop; called after each epoch, True stops.
-    seed : int
-        Seed of the order of the segments.
 
     Returns
     -------
@@ -197,11 +206,13 @@ def train(
     >>> f = np.sin(0.02 * np.arange(2000))[:, None]
     >>> x = 0.01 * np.cumsum(f, axis=0) + 1e-3 * rng.standard_normal((2000, 1))
     >>> log = Recording.from_arrays(x=x, dt=0.01, label=f)
-    >>> result = train(log, PhyFilter([1.0]), segment=400, optimiser=Adam(rate=0.5), max_epochs=30)
+    >>> result = train(log, PhyFilter([1.0]), segment=400, optimiser=Adam(rate=0.5, max_epochs=30))
     >>> result.validation[-1] < result.validation[0]
     True
     """
-    _check_options(segment=segment, warmup=warmup, batch=batch, patience=patience, max_epochs=max_epochs)
+    _check_counts(least=0, warmup=warmup)
+    if segment is not None:
+        _check_counts(segment=segment)
     if coordinates not in get_args(Coordinates):
         raise ValueError(f"coordinates: expected one of {get_args(Coordinates)}, got {coordinates!r}")
     if not 0.0 <= validation < 1.0:
@@ -222,18 +233,16 @@ def train(
     )
     # Two threads of a BLAS make products of this size many times slower where another process runs.
     with threadpool_limits(1, user_api="blas"):
-        return _descend(training, optimiser or Adam(), batch, patience, max_epochs, callback, seed)
+        return _descend(training, optimiser or Adam(), callback)
 
 
 # -- gradients ------------------------------------------------------------------------------------------------------
 
 
-def _check_options(*, segment: int | None, **counts: int) -> None:
-    least = {"warmup": 0}
-    for name, value in (counts | ({} if segment is None else {"segment": segment})).items():
-        low = least.get(name, 1)
-        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < low:
-            raise ValueError(f"{name}: expected a whole number of at least {low}, got {value!r}")
+def _check_counts(*, least: int = 1, **counts: int) -> None:
+    for name, value in counts.items():
+        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+            raise ValueError(f"{name}: expected a whole number of at least {least}, got {value!r}")
 
 
 def _segments(flights: Sequence[Record], length: int | None, warmup: int) -> list[Record]:
@@ -326,13 +335,10 @@ class _Training:
 def _descend(
     training: _Training,
     optimiser: Adam,
-    batch: int,
-    patience: int,
-    max_epochs: int,
     callback: Callable[[int, float, PhyFilter], bool | None] | None,
-    seed: int,
 ) -> TrainResult:
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(optimiser.seed)
+    batch, patience, max_epochs = optimiser.batch, optimiser.patience, optimiser.max_epochs
     p = training.start()
     if optimiser.rate is None and training.coordinates == "coefficients":
         a = training.rollout.sampled.filter.a

@@ -7,21 +7,20 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ...filter import PhyFilter, Sampling
 from ...filter.sampling import Method
 from ...results import Status
 from . import verdict
 from .correlation import memory
+from .evidence import Evidence, Known, Where, validated
 from .folds import Folds
-from .intervals import intervals_of
 from .residuals import Flight, each
 from .result import LearnEvent, LearnResult, is_identified
 from .samples import response
-from .search import Search
-from .validation import FlightScore, OrderScore, by_flight, chosen_order, cross_validated, scores_of
-from .wiener import LONGEST, wiener_floor
+from .search import OrderSearch
+from .validation import FlightScore, OrderScore, by_flight, chosen_order
+from .wiener import LONGEST
 
 __all__ = ["Asked", "answer", "rmse"]
 
@@ -40,38 +39,34 @@ class Asked:
     flights: Sequence[Flight]
     tests: Sequence[Flight]
     sampling: Sampling
-    E: ArrayLike | None
     offset: bool
-    wiener: bool
     validate: bool
-    intervals: bool
     skipped: tuple[tuple[str, str], ...]
+    where: Where
 
 
 def answer(
-    search: Search, asked: Asked, events: tuple[LearnEvent, ...], cancelled: bool, notes: tuple[str, ...]
+    search: OrderSearch, asked: Asked, events: tuple[LearnEvent, ...], cancelled: bool, notes: tuple[str, ...]
 ) -> LearnResult:
     """The result of a search."""
     if not search.best:
         raise ValueError("no start had a finite cost; check the label and the residual for extreme values")
     candidates = _candidates(search, asked, cancelled)
+    used, rejected, known = max(candidates), False, Known()
     orders: tuple[OrderScore, ...] = ()
-    flights: tuple[FlightScore, ...] = ()
-    floor, used, rejected = None, max(candidates), False
-    if not cancelled and (asked.validate or asked.wiener):
-        lags = _lags(search, candidates)
+    lags = _lags(search, candidates)
+    if asked.validate and not cancelled:
         folds = Folds.of(asked.flights, search.method, lags, offset=asked.offset)
-        if folds.count > 1:
-            errors = cross_validated(folds, search, candidates if asked.validate else [used])
-            if asked.validate:
-                orders = scores_of(folds, search, errors)
-                used, rejected = _chosen(orders, candidates, asked)
-                flights = by_flight(asked.flights, search, search.best[used], lags, offset=asked.offset)
-            floor = wiener_floor(folds, errors[used]) if asked.wiener else None
+        found = validated(folds, search, candidates)
+        alone: tuple[FlightScore, ...] = ()
+        if orders := found.orders:
+            used, rejected = _chosen(orders, candidates, asked)
+            alone = by_flight(asked.flights, search, search.best[used], lags, offset=asked.offset)
+        known = Known(found, alone)
     best = search.best[used]
     status, message = _judged(search, asked, used, orders, rejected, cancelled)
     filter = search.filter(best)
-    return LearnResult(
+    result = LearnResult(
         filter=filter,
         rmse=rmse(filter, asked.flights, search, asked.offset),
         cost=max(best.cost, 0.0),  # of an exact fit only rounding is left, of either sign
@@ -79,28 +74,24 @@ def answer(
         order_used=used,
         status=status,
         message=message,
-        notes=(*notes, *verdict.disagreement(flights)),
+        notes=(*notes, *verdict.disagreement(known.flights)),
         skipped=asked.skipped,
         history=events,
         costs={n: max(entry.cost, 0.0) for n, entry in sorted(search.best.items())},
-        wiener=floor,
         sampling=asked.sampling,
-        E=None if asked.E is None else np.array(asked.E, dtype=float),
         slowest=search.floor,
-        orders=orders,
-        flights=flights,
-        intervals=(
-            intervals_of(asked.flights, search, best, offset=asked.offset)
-            if asked.intervals and not cancelled
-            else None
-        ),
+    )
+    if cancelled:
+        return result
+    return result._backed(
+        Evidence.of(search, candidates, used, lags, asked.flights, asked.where, known, offset=asked.offset)
     )
 
 
-def _candidates(search: Search, asked: Asked, cancelled: bool) -> list[int]:
+def _candidates(search: OrderSearch, asked: Asked, cancelled: bool) -> list[int]:
     """Orders that may be returned: a low-pass order only where it pays, a general one where F is identified."""
     wanted = [n for n in search.best if len(asked.orders) == 1 or n in asked.orders] or list(search.best)
-    if search.form == "lowpass":
+    if search.shape.form == "lowpass":
         least = min(entry.cost for entry in search.best.values())
         negligible = _EXACT * search.fine.energy / search.fine.weight
         enough = max(least, 0.0) / (1.0 - verdict.ADDS_NOTHING) + negligible
@@ -111,7 +102,12 @@ def _candidates(search: Search, asked: Asked, cancelled: bool) -> list[int]:
 
 
 def _judged(
-    search: Search, asked: Asked, used: int, orders: Sequence[OrderScore], rejected: bool, cancelled: bool
+    search: OrderSearch,
+    asked: Asked,
+    used: int,
+    orders: Sequence[OrderScore],
+    rejected: bool,
+    cancelled: bool,
 ) -> tuple[Status, str]:
     """How it ended, and in words."""
     top = max(asked.orders)
@@ -139,18 +135,18 @@ def _chosen(orders: Sequence[OrderScore], candidates: Sequence[int], asked: Aske
     return (top.order, False) if supported else (lowest, lowest < top.order)
 
 
-def _lags(search: Search, orders: Sequence[int]) -> float:
+def _lags(search: OrderSearch, orders: Sequence[int]) -> float:
     """Seconds of correlations that refits and the Wiener filter need."""
     slowest = min(float(np.min(-search.best[n].chain.poles.real)) for n in orders)
     return max(LONGEST * search.step, 2.0 * memory(max(orders)) / slowest)
 
 
-def rmse(filter: PhyFilter, flights: Sequence[Flight], search: Search, offset: bool) -> float:
+def rmse(filter: PhyFilter, flights: Sequence[Flight], search: OrderSearch, offset: bool) -> float:
     """Root-mean-square error on flights."""
     squares = sum(each(partial(_squares, filter=filter, method=search.method, offset=offset), flights))
     return float(np.sqrt(squares / sum(flight.samples for flight in flights)))
 
 
 def _squares(flight: Flight, filter: PhyFilter, method: Method, offset: bool) -> float:
-    errors = flight.target - response(filter, flight, method)
+    errors = (flight.target - response(filter, flight, method))[flight.first :]
     return float(np.sum((errors - np.mean(errors, axis=0) if offset else errors) ** 2))

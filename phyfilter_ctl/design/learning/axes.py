@@ -10,26 +10,28 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import linalg
 
 from ..._sections import FloatArray
-from ...filter import FilterBank, PhyFilter, SampledPhyFilter, stack
+from ...filter import FilterBank, PhyFilter, SampledPhyFilter, Sampling, stack
 from ...recording import Recording
 from ...recording.checks import inertia_varies
-from ...results import Result
-from .reading import read_flight
+from ...results import Result, SearchResult
+from .options import Reading
+from .reading import Recordings, first_of, listed
 from .result import LearnResult
 from .stored import OneFlight
 from .validation import corrected_error
 
-__all__ = ["Axes", "AxesResult", "AxesScore", "learn_axes"]
+__all__ = ["Axes", "AxesResult", "AxesScore", "compare_axes", "compared", "one_each", "refuse_beside"]
 
 Axes = Literal["shared", "each", "coupled"]
 Learner = Callable[[list[OneFlight]], LearnResult]
@@ -38,6 +40,8 @@ _Log: TypeAlias = Recording | Callable[[], Recording]
 
 _KINDS: tuple[Axes, ...] = ("shared", "each", "coupled")
 _WHOLE_FLIGHTS = 5
+# Options of a sampling that hold in any coordinates.
+_OF_ALL = ("method", "g", "f_theta", "delay", "precision", "nonfinite")
 # Noise below this share of the residual's power does not shape the coordinates.
 _LEAST_NOISE = 1e-6
 
@@ -61,24 +65,33 @@ class AxesScore(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class AxesResult(Result):
-    """What :func:`learn_axes` found.
+class AxesResult(Result, SearchResult[PhyFilter | FilterBank]):
+    """What :func:`learn` found with ``axes="each"`` or ``"compare"``.
 
     Attributes
     ----------
     choice : {"shared", "each", "coupled"}
-        The simplest within one standard error of the best.
+        The simplest within one standard error of the best; "each" where that was asked for.
     scores : dict of AxesScore
+        Of the kinds that were compared.
     results : dict of tuples of LearnResult
-        Learned from all flights: one; one an axis; one for every phi_i.
+        Learned from all flights: one; one an axis; one for every phi_i. By kind.
     T : (n_x, n_x) array
         f = T phi; columns of length 1, those with the most residual for their noise last.
+    sampling : Sampling or None
+        Of all channels together, where one each was asked for; None: as the results have it.
     """
 
     choice: Axes
     scores: dict[Axes, AxesScore]
     results: dict[Axes, tuple[LearnResult, ...]]
     T: FloatArray
+    sampling: Sampling | None = None
+
+    @property
+    def best(self) -> PhyFilter | FilterBank:
+        """``filter``: what every search calls what it found."""
+        return self.filter
 
     @property
     def filter(self) -> PhyFilter | FilterBank:
@@ -88,15 +101,98 @@ class AxesResult(Result):
 
     def sampled(self) -> SampledPhyFilter:
         """The choice as it was learned; a coupled one gives phi_hat from ``f_theta`` in phi, f_hat = T phi_hat."""
+        if self.sampling is not None:
+            return SampledPhyFilter([result.filter for result in self.results["each"]], self.sampling)
         return _sampled(self.results[self.choice], self.T if self.choice == "coupled" else None)
 
 
-def learn_axes(
+def one_each(
+    recordings: Recordings,
+    learner: Callable[..., LearnResult],
+    channels: Sequence[int | str] | None,
+    sampling: Sampling,
+    weights: Sequence[ArrayLike] | None,
+    how: Reading,
+) -> AxesResult:
+    """A filter for each channel.
+
+    Raises
+    ------
+    ValueError
+        For options that channels share.
+    """
+    if sampling.E is not None or getattr(sampling.inertia, "ndim", 0) == 2:
+        raise ValueError(
+            "sampling: expected no E and no full inertia where each channel has a filter of its own; give the inertia "
+            "to the recordings"
+        )
+    names = range(first_of(recordings, how).n_x) if channels is None else channels
+    results = [
+        learner(
+            recordings,
+            channels=[name],
+            sampling=sampling.alone(i),
+            weights=None if weights is None else [_of_channel(entry, i) for entry in weights],
+        )
+        for i, name in enumerate(names)
+    ]
+    whole = sampling if sampling.has_dt else replace(sampling, dt=results[0].sampled().dt)
+    return AxesResult("each", {}, {"each": tuple(results)}, np.eye(len(results)), whole)
+
+
+def _of_channel(weight: ArrayLike, i: int) -> ArrayLike:
+    entry = np.asarray(weight)
+    return entry[:, i : i + 1] if entry.ndim == 2 and entry.shape[1] > 1 else entry
+
+
+def refuse_beside(**given: object) -> None:
+    """Refuse what flights that are cut and turned cannot have."""
+    for name, value in given.items():
+        if value is not None:
+            raise ValueError(
+                f"{name}: expected none with axes='compare', which cuts flights and carries them into other "
+                "coordinates; give it to a call with axes='each' or 'shared'"
+            )
+
+
+def compared(
+    recordings: Recordings,
+    learner: Learner,
+    channels: Sequence[int | str] | None,
+    sampling: Sampling,
+    how: Reading,
+) -> AxesResult:
+    """The choice among one filter, one each and a matrix, of what ``learn`` was given.
+
+    Raises
+    ------
+    TypeError
+        For a function that makes all flights.
+    ValueError
+        For options of single channels.
+    """
+    refuse_beside(**{f"sampling, {n}": v for n, v in sampling.unusual.items() if n not in _OF_ALL})
+    logs = listed("recordings", recordings)
+    if not isinstance(logs, list):
+        raise TypeError(
+            "recordings: expected a list of them with axes='compare', got a function that makes all"
+        )
+    if channels is not None:
+        chosen = [*channels]
+        logs = [_then(_source(log, how.read), partial(_selected, channels=chosen)) for log in logs]
+    return compare_axes(logs, learner, read=how.read)
+
+
+def _selected(log: Recording, channels: Sequence[int | str]) -> Recording:
+    return log.select(channels)
+
+
+def compare_axes(
     logs: Sequence[OneFlight],
     learner: Learner,
     *,
     folds: int = 8,
-    read: Callable[[Path], Recording] = read_flight,
+    read: Callable[[Path], Recording] = Recording.read,
 ) -> AxesResult:
     """Choose by cross-validation among one filter for all axes, one each, and a matrix.
 
@@ -106,7 +202,7 @@ def learn_axes(
         Flights with labels and several channels; an inertia that varies is refused. Files are read when they are
         needed, not kept.
     learner : callable
-        Flights -> LearnResult, for instance ``lambda logs: learn(logs, 2, form="general", wiener=False)``. It is called
+        Flights -> LearnResult, for instance ``lambda logs: learn(logs, 2, shape="general")``. It is called
         with all channels, and with one, without and with each fold.
     folds : int
         Most of them: whole flights where there are five at least, else contiguous blocks.
@@ -126,11 +222,11 @@ def learn_axes(
     --------
     >>> import numpy as np
     >>> from phyfilter_ctl import PhyFilter, Recording, stack
-    >>> from phyfilter_ctl.design import learn
+    >>> from phyfilter_ctl import Search, learn
     >>> x = np.cumsum(np.random.default_rng(0).standard_normal((800, 2)), axis=0)
     >>> label = stack([PhyFilter([4.0]), PhyFilter([40.0])]).sampled(0.01).run(x)
     >>> log = Recording.from_arrays(x=x, dt=0.01, label=label)
-    >>> found = learn_axes([log], lambda logs: learn(logs, 1, starts=0, wiener=False, cross_validate=False), folds=4)
+    >>> found = compare_axes([log], lambda logs: learn(logs, 1, search=Search(starts=0)), folds=4)
     >>> found.choice, [f"{one.a[0]:.3f}" for one in found.filter]
     ('each', ['4.000', '40.000'])
     """

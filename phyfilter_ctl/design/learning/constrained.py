@@ -22,8 +22,9 @@ from .coordinates import chain_slopes
 from .objective import Objective, responses
 from .parametrisation import Chain
 from .quadratic import quadratic_program
-from .search import Search
+from .search import OrderSearch
 from .sensitivity import Data, Solver, filter_of, jacobian
+from .shape import condition_rows
 
 __all__ = ["INSIDE", "Admissible", "Point"]
 
@@ -102,7 +103,7 @@ class Admissible:
 
     Attributes
     ----------
-    search : Search
+    search : OrderSearch
         That without a loop, ended.
     data : Data
         Its.
@@ -114,7 +115,7 @@ class Admissible:
         Spare room that limits keep.
     """
 
-    search: Search
+    search: OrderSearch
     data: Data
     constraint: LoopGoal
     sampling: Sampling
@@ -127,7 +128,7 @@ class Admissible:
         ``given`` are further starts.
         """
         found: tuple[Point, bool] | None = None
-        for n in range(max(self.search.structure.least_order, 1), orders + 1):
+        for n in range(max(self.search.shape.least_order, 1), orders + 1):
             starts = [] if n not in self.search.best else [self.search.filter(self.search.best[n])]
             starts += [filter for filter in given if filter.order == n]
             if found is not None:
@@ -238,7 +239,7 @@ class Admissible:
         if np.max(np.abs(chain.poles.imag)) * search.step > np.pi:
             return None
         n = chain.order
-        if search.form == "lowpass":
+        if search.shape.form == "lowpass":
             c = np.zeros(n)
             c[-1] = chain.lowpass[0]
         else:
@@ -246,12 +247,12 @@ class Admissible:
             if found is None:
                 return None
             c = output(chain)
-            S, d = search.structure.rows(chain.doubled)
+            S, d = condition_rows(search.shape, chain.doubled)
             c = c + Solver(found[0][:n, :n], S[:n]).met((d - c @ S[:n])[None])[0]
         cost = self.objective.cost(chain, c)
         if not np.isfinite(cost):
             return None
-        filter = filter_of(chain, c, search.form, search.structure)
+        filter = filter_of(chain, c, search.shape)
         try:
             sampled = SampledPhyFilter(filter, self.sampling)
         except ValueError:  # Euler's method diverges
@@ -261,9 +262,9 @@ class Admissible:
 
     def _rows(self, now: Point) -> FloatArray:
         """d F = row [xi; eta] by the unknowns and by what the structure leaves free of c."""
-        rows = jacobian(self.data, now.chain, now.c, self.search.form, self.search.structure)
+        rows = jacobian(self.data, now.chain, now.c, self.search.shape)
         n = now.chain.order
-        if not self.search.structure.is_limited:
+        if not self.search.shape.is_limited:
             return rows
         return np.concatenate(
             [chain_slopes(self.search.coordinates, now.chain, now.theta) @ rows[:n], rows[n:]]

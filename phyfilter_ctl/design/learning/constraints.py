@@ -14,7 +14,6 @@ from ... import _signals
 from ..._sections import FloatArray
 from ...analysis import FilterMargins, error_bound, frequency_response
 from ...analysis.margins import filter_margins
-from ...analysis.margins.filter_margins import checked_loop
 from ...analysis.margins.slopes import (
     LoopOnGrid,
     Margin,
@@ -153,7 +152,8 @@ class LoopGoal:
     margins: Callable[[SampledPhyFilter], MarginsLike] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        _ = checked_loop(self.loop)
+        if not isinstance(self.loop, Loop):
+            raise TypeError(f"loop: expected a Loop(kp, kd, actuator, delay), got {type(self.loop).__name__}")
         if self.loop.command_limit is not None:
             raise ValueError(
                 "loop: the margins of a search know no limit of the command, got command_limit="
@@ -170,18 +170,19 @@ class LoopGoal:
             raise ValueError(
                 f"modulus_margin: expected a number in [0, 1), got {self.modulus_margin:g}; no loop that acts reaches 1"
             )
-        low, high = self.inertia_ratios
-        if not 0.0 < low <= 1.0 <= high < np.inf:
+        low, high = _signals.array("inertia_ratios", self.inertia_ratios, (2,)).tolist()
+        if not 0.0 < low <= 1.0 <= high:
             raise ValueError(f"inertia_ratios: expected 0 < low <= 1 <= high, got {low:g} and {high:g}")
+        object.__setattr__(self, "inertia_ratios", (low, high))
         if (self.slope is None) != (self.bound is None):
             raise ValueError("slope, bound: expected both or none")
         for name in ("noise_gain", "slope", "bound"):
             value = getattr(self, name)
-            if value is not None and not value > 0.0:
-                raise ValueError(f"{name}: expected a positive number, got {value}")
+            if value is not None:
+                _signals.number(name, value, above=0.0)
         if self.margins is not None and self.loop != Loop():
             raise ValueError("margins: expected it alone, or a loop: one, not two")
-        if self.cost not in get_args(Cost):
+        if not isinstance(self.cost, str) or self.cost not in get_args(Cost):
             raise ValueError(f"cost: expected one of {', '.join(get_args(Cost))}, got {self.cost!r}")
         if self.cost == "tracking" and not self.loop.has_gains:
             raise ValueError(

@@ -46,7 +46,7 @@ class Stretch:
 
     @property
     def samples(self) -> int:
-        return (self.last - self.first) * (self.flight.samples // self.flight.length)
+        return (self.last - self.first) * self.flight.width
 
 
 @dataclass(frozen=True, eq=False)

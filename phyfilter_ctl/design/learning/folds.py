@@ -6,7 +6,7 @@ Whole flights where there are several, for flights are what is independent; cont
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
 
@@ -17,6 +17,7 @@ from ...filter import PhyFilter
 from ...filter.sampling import Method
 from .correlation import MOST_LAGS, Correlations, Stretch
 from .offsets import Offsets
+from .remnant import Remnant, filter_errors, remnants, without_samples
 from .residuals import Flight, each
 from .samples import Pooled, Samples, response
 from .sensitivity import Data
@@ -35,6 +36,20 @@ class Group:
     folds: list[list[Stretch]]
     parts: list[Correlations | None]
     weighted: bool  # samples one by one
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether the samples are gone."""
+        return any(isinstance(part.flight, Remnant) for fold in self.folds for part in fold)
+
+    def kept(self) -> Group:
+        """Without samples."""
+        stretches = [part for fold in self.folds for part in fold]
+        reach = max(part.sequences.shape[1] for part in self.parts if part is not None)
+        left = remnants(stretches, reach)
+        folds = [[replace(part, flight=left[id(part.flight)]) for part in fold] for fold in self.folds]
+        parts = [None if part is None else without_samples(part, left) for part in self.parts]
+        return Group(folds, parts, self.weighted)
 
     def without(self, fold: int | None) -> list[Correlations]:
         """The correlations of the other folds."""
@@ -111,7 +126,7 @@ class Folds:
     def are_flights(self) -> bool:
         """Whether no flight is cut."""
         parts = [part for i in range(self.count) for part in self.stretches(i)]
-        return all(part.first == 0 and part.last == len(part.flight.u) for part in parts)
+        return all(part.first == part.flight.first and part.last == part.flight.length for part in parts)
 
     def stretches(self, fold: int) -> list[Stretch]:
         """The stretches of a fold."""
@@ -145,7 +160,26 @@ class Folds:
     def errors(self, filters: Sequence[PhyFilter], fold: int) -> FloatArray:
         """Weighted sums of squared errors of some filters on a fold."""
         work = partial(_errors_of, filters=filters, method=self.method, offset=self.offset)
-        return np.sum([*each(work, self.stretches(fold))], axis=0)
+        found: list[FloatArray] = []
+        for group in self.groups:
+            if not group.is_kept:
+                found += each(work, group.folds[fold])
+            elif (part := group.parts[fold]) is not None:
+                found.append(filter_errors(part, filters, self.method, self.offset))
+        return np.sum(found, axis=0)
+
+    def kept(self) -> Folds:
+        """The same without samples, of flights of equal steps whose samples count alike."""
+        return Folds([group.kept() for group in self.groups], self.method, self.offset)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of correlations and of what is kept of u."""
+        flights = {id(p.flight): p.flight for group in self.groups for fold in group.folds for p in fold}
+        left = sum(flight.nbytes for flight in flights.values() if isinstance(flight, Remnant))
+        return left + sum(
+            part.sequences.nbytes for group in self.groups for part in group.parts if part is not None
+        )
 
     def _sample_by_sample(self, group: Group, chosen: set[int]) -> list[Data]:
         flights = {id(part.flight): part.flight for fold in group.folds for part in fold}
@@ -184,7 +218,7 @@ def _alike(one: Flight, other: Flight) -> bool:
 
 
 def _whole(flight: Flight) -> Stretch:
-    return Stretch(flight, 0, flight.length, flight.weight)
+    return Stretch(flight, flight.first, flight.length, flight.weight)
 
 
 def _folds(flights: Sequence[Flight]) -> list[list[Stretch]]:
@@ -197,9 +231,9 @@ def _folds(flights: Sequence[Flight]) -> list[list[Stretch]]:
     total = sum(flight.samples for flight in flights)
     dealt = 0
     for flight in flights:
-        length = flight.length
+        length = flight.length - flight.first
         blocks = min(max(1, round(MOST * flight.samples / total)), MOST, length)
-        edges = np.linspace(0, length, blocks + 1).astype(int)
+        edges = np.linspace(flight.first, flight.length, blocks + 1).astype(int)
         for first, last in pairwise(edges):
             folds[dealt % MOST].append(Stretch(flight, int(first), int(last), flight.weight))
             dealt += 1

@@ -3,34 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
-import control as ct
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ... import _signals
-from ..._sections import FloatArray
 from ...analysis.margins.slopes import SampledLoop
 from ...filter import PhyFilter, SampledPhyFilter, Sampling
-from ...results import Result, Status
+from ...results import Status
 from .constrained import INSIDE, Admissible, Point
 from .constraints import LoopGoal, LoopPrice
+from .evidence import Evidence
 from .objective import Estimation, Remembering
 from .residuals import Flight
 from .result import LearnResult
-from .search import Search
+from .search import OrderSearch
 from .tracking import Tracking, spectra_of
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-__all__ = ["MarginTradeOff", "keep_limits", "margin_trade_off"]
+__all__ = ["keep_limits"]
 
 
 def keep_limits(
-    search: Search,
+    search: OrderSearch,
     constraint: LoopGoal,
     sampling: Sampling,
     flights: Sequence[Flight],
@@ -43,14 +36,16 @@ def keep_limits(
 
     ``score`` gives the RMSE on training and held-out flights.
     """
-    sampling = replace(sampling, dt=float(f"{sampling.dt:.12g}"))
+    sampling = replace(
+        sampling, dt=float(f"{sampling.dt:.12g}"), channels=None, inertia=None, units=None, E=None
+    )
     data = Remembering(search.fine)
     task = Admissible(search, data, constraint, sampling, Estimation(data))
     objective = _tracking(task, flights, offset) if constraint.cost == "tracking" else None
     without = constraint.spare(SampledPhyFilter(result.filter, sampling))
     if objective is None and min(without.values()) >= 0.0:
         price = LoopPrice(constraint, without, without, result.rmse, 0.0)
-        return replace(result, loop=price)
+        return replace(result, loop=price)._backed(result._evidence)
     found = _verified(task, result.order_used)
     errors: tuple[float, float] | tuple[()] = ()
     if objective is not None and found is not None:
@@ -83,10 +78,12 @@ def keep_limits(
         order_used=point.filter.order,
         status=Status.CONVERGED if ended else Status.ITERATION_LIMIT,
         message=message,
-        wiener=None,
-        intervals=None,
         loop=price,
-    )
+    )._backed(_bound(result))
+
+
+def _bound(result: LearnResult) -> Evidence | None:
+    return None if result._evidence is None else replace(result._evidence, is_free=False)
 
 
 def _tracking(task: Admissible, flights: Sequence[Flight], offset: bool) -> Tracking:
@@ -134,85 +131,5 @@ def _infeasible(
         held_out_rmse=None,
         status=Status.INFEASIBLE,
         message=f"no filter up to order {result.order_used} keeps the limits, F = 0 is returned: {why}",
-        wiener=None,
-        intervals=None,
         loop=price,
-    )
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class MarginTradeOff(Result):
-    """What every margin costs; made by :func:`margin_trade_off`.
-
-    Attributes
-    ----------
-    margins : (m,) array
-        Modulus margins asked for.
-    rmse : (m,) array
-        RMSE of the filter that keeps them on the training flights; nan where none does.
-    results : tuple of LearnResult
-    """
-
-    margins: FloatArray
-    rmse: FloatArray
-    results: tuple[LearnResult, ...]
-
-    def plot(self, *, ax: Axes | None = None) -> ct.ControlPlot:
-        """Error against margin.
-
-        Parameters
-        ----------
-        ax : Axes, optional
-            Where to draw; None makes a new figure.
-
-        Returns
-        -------
-        control.ControlPlot
-        """
-        from ...plots.promises import trade_off_plot
-
-        names = "Modulus margin", "RMSE on the training flights [unit of f]"
-        return trade_off_plot(self.margins, self.rmse, None, "", names=names, log=False, ax=ax)
-
-
-def margin_trade_off(
-    learner: Callable[[LoopGoal], LearnResult], loop: LoopGoal, margins: ArrayLike
-) -> MarginTradeOff:
-    """Error against modulus margin: what is given up for every step of safety.
-
-    Parameters
-    ----------
-    learner : callable
-        ``lambda loop: learn(logs, 2, loop=loop)``.
-    loop : LoopGoal
-        Whose modulus margin is replaced.
-    margins : array_like, shape (m,)
-        Modulus margins in [0, 1).
-
-    Returns
-    -------
-    MarginTradeOff
-
-    Raises
-    ------
-    ValueError
-        If a margin is out of range, before anything is learned.
-
-    Examples
-    --------
-    >>> from phyfilter_ctl import Loop, Recording, learn
-    >>> rng = np.random.default_rng(0)
-    >>> f = np.sin(0.02 * np.arange(1000))[:, None]
-    >>> x = np.cumsum(0.01 * f, axis=0) + 1e-3 * rng.standard_normal(f.shape)
-    >>> log = Recording.from_arrays(x=x, dt=0.01, label=f)
-    >>> loop = LoopGoal(Loop(10.0, 6.0, delay=0.04))
-    >>> found = margin_trade_off(lambda each: learn(log, 1, loop=each, wiener=False), loop, [0.3, 0.5])
-    >>> bool(found.rmse[0] < found.rmse[1])
-    True
-    >>> found.plot().axes.shape
-    (1, 1)
-    """
-    wanted = _signals.array("margins", margins, ("m",))
-    loops = [replace(loop, modulus_margin=float(margin)) for margin in wanted]
-    results = tuple(learner(each) for each in loops)
-    return MarginTradeOff(wanted, np.array([result.rmse for result in results]), results)
+    )._backed(_bound(result))

@@ -13,21 +13,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from ..._sections import ComplexArray, FloatArray
 from ...filter.sampling import Method
-from ...results import Result
+from ...results import Interval, Result
 from .coordinates import chain_slopes
 from .levenberg import bound
 from .residuals import BEGINNINGS, Flight, each
 from .samples import Samples
-from .search import Best, Search
+from .search import Best, OrderSearch
 from .sensitivity import jacobian
 
-__all__ = ["Intervals", "intervals_of"]
+__all__ = ["Directions", "Intervals", "beginnings", "directions_of", "intervals_of"]
 
 _LEVEL = 0.95
 # So many flights, and their sums are the independent observations.
@@ -47,10 +49,10 @@ class Intervals(Result):
     pole_errors : (n, 2) array
         Standard errors of their real and imaginary parts in rad/s; infinite where poles meet, 0 for given ones.
         Unknowns at a bound count as known.
-    dc_gain : (float, float)
-        Interval of F(0); of no width where F(0) is given.
-    rmse : (float, float)
-        Interval of the root-mean-square error that flights like these have.
+    dc_gain : Interval
+        Of F(0); of no width where F(0) is given.
+    rmse : Interval
+        Of the root-mean-square error that flights like these have.
     kind : str
         What was taken as independent.
     degrees_of_freedom : float
@@ -59,8 +61,8 @@ class Intervals(Result):
 
     poles: ComplexArray
     pole_errors: FloatArray
-    dc_gain: tuple[float, float]
-    rmse: tuple[float, float]
+    dc_gain: Interval
+    rmse: Interval
     kind: str
     degrees_of_freedom: float
 
@@ -70,24 +72,53 @@ class Intervals(Result):
         return float(stdtrit(self.degrees_of_freedom, 0.5 + 0.5 * _LEVEL)) * self.pole_errors
 
 
-def intervals_of(flights: Sequence[Flight], search: Search, best: Best, *, offset: bool) -> Intervals:
-    """Intervals of the best filter of a search on its flights."""
+class Directions(NamedTuple):
+    """In which the unknowns move the filter: rows of the doubled chain (p, 2n), and which of theta are at a bound."""
+
+    rows: FloatArray
+    known: NDArray[np.bool_]
+
+
+def directions_of(search: OrderSearch, best: Best) -> Directions:
+    """Of the best filter of a search, on its data."""
     chain = best.chain
-    rows = jacobian(search.fine, chain, best.found.c, search.form, search.structure)
+    rows = jacobian(search.fine, chain, best.found.c, search.shape)
     slopes = chain_slopes(search.coordinates, chain, best.theta)
     rows = np.concatenate([slopes @ rows[: chain.order], rows[chain.order :]])
     upper, lower = search.box(chain.order)
     known = bound(best.theta, best.found.gradient, upper, lower)
     free = np.append(~known, np.ones(len(rows) - len(known), dtype=bool))
+    return Directions(rows[free], known)
+
+
+def beginnings(flights: Sequence[Flight]) -> tuple[list[Flight], float]:
+    """Beginnings of the flights, ``BEGINNINGS`` samples of all together, and their share in all samples."""
     taking = [flight for flight in flights if flight.takes_part]
-    share = min(1.0, BEGINNINGS / sum(flight.length for flight in taking))
-    begun = [flight.beginning(max(2, round(share * flight.length))) for flight in taking]
+    counts = [flight.length - flight.first for flight in taking]
+    share = min(1.0, BEGINNINGS / sum(counts))
+    begun = [
+        flight.beginning(flight.first + max(2, round(share * count)))
+        for flight, count in zip(taking, counts, strict=True)
+    ]
+    return begun, share
+
+
+def intervals_of(
+    begun: Sequence[Flight],
+    share: float,
+    search: OrderSearch,
+    best: Best,
+    directions: Directions,
+    offset: bool,
+) -> Intervals:
+    """Intervals of the best filter of a search on beginnings of its flights."""
+    chain, (rows, known) = best.chain, directions
     work = partial(
         _scores,
         method=search.method,
         doubled=chain.doubled,
         c=best.found.c,
-        rows=rows[free],
+        rows=rows,
         offset=offset,
     )
     parts = [*each(work, begun)]
@@ -103,8 +134,8 @@ def intervals_of(flights: Sequence[Flight], search: Search, best: Best, *, offse
     spread = 0.5 * t * float(np.sqrt(share * B[-1, -1])) / max(squares, np.finfo(float).tiny)
     root = float(np.sqrt(mean))
     gain = search.filter(best).dc_gain
-    half = t * _gain_error(rows[free], chain.doubled, covariance)
-    if search.form == "lowpass" or search.structure.dc_gain is not None:
+    half = t * _gain_error(rows, chain.doubled, covariance)
+    if search.shape.form == "lowpass" or search.shape.dc_gain is not None:
         half = 0.0
     moved = np.zeros((len(covariance), chain.order))
     by_theta = search.coordinates.coefficients(chain, best.theta)[~known]
@@ -113,8 +144,8 @@ def intervals_of(flights: Sequence[Flight], search: Search, best: Best, *, offse
     return Intervals(
         poles,
         _pole_errors(poles, moved, covariance),
-        (gain - half, gain + half),
-        (root * float(np.exp(-spread)), root * float(np.exp(spread))),
+        Interval(gain, gain - half, gain + half),
+        Interval(root, root * float(np.exp(-spread)), root * float(np.exp(spread))),
         kind,
         degrees,
     )
@@ -135,13 +166,14 @@ def _scores(
         psi[:, chunk] = np.tensordot(rows, s, 1)
         e[chunk] = flight.target[chunk] - np.tensordot(c, s[:n], 1)
     w = flight.weight * (np.ones((m, K)) if flight.sample_weights is None else flight.sample_weights)
+    w[: flight.first] = 0.0
     if offset:
         total = np.maximum(w.sum(axis=0), np.finfo(float).tiny)
         e -= (w * e).sum(axis=0) / total
         psi -= ((w * psi).sum(axis=1) / total)[:, None]
     A = np.einsum("imk,jmk,mk->ij", psi, psi, w, optimize=True)
     q = np.column_stack([np.einsum("imk,mk->mi", psi, w * e), (w * e * e).sum(axis=1)])
-    return A, q, float(np.sum(w * e * e)), float(np.sum(w)), w.sum(axis=1)
+    return A, q[flight.first :], float(np.sum(w * e * e)), float(np.sum(w)), w[flight.first :].sum(axis=1)
 
 
 def _long_run(parts: Sequence[FloatArray]) -> tuple[FloatArray, float, str]:

@@ -60,8 +60,9 @@ class FlightSums(NamedTuple):
 
 def label_sums(flight: Flight) -> FlightSums:
     """Of every channel of a flight."""
-    if not flight.takes_part or flight.length <= 2:
+    if not flight.takes_part or flight.length - flight.first <= 2:
         return FlightSums()
+    flight = flight.counted()
     u, label = flight.u[1:], 0.5 * (flight.target[1:] + flight.target[:-1])
     steps = None if flight.steps is None else flight.steps[1:]
     counts = np.ones(len(u), dtype=bool)
@@ -146,7 +147,7 @@ def _offset(parts: Sequence[ChannelSums], name: str) -> str | None:
     return (
         f"the label of {name} differs from M x' - g by {mean:.3g} in the mean over a flight, where noise of x allows "
         f"{noise:.1g}{without}; check that it is f = M x' - g, in the same unit, its mean left in, "
-        "or fit its mean out by label_offset=True"
+        "or fit its mean out by label='offset'"
     )
 
 

@@ -13,91 +13,104 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, SupportsIndex, get_args
+from functools import partial
+from typing import Any, Literal, SupportsIndex, get_args, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from ... import _signals
-from ...execution import Report, silent
+from ..._renamed import takes_former_options
 from ...filter import PhyFilter, Sampling
-from ...filter.sampling import Method, Rule
+from ...filter.sampling import Method
 from ...recording import Recording
 from ...results import Status
 from .answer import Asked, answer, rmse
+from .axes import AxesResult, compared, one_each, refuse_beside
 from .constraints import LoopGoal
 from .coordinates import FASTEST
 from .correlation import MOST_LAGS, memory
+from .evidence import Where
 from .in_loop import keep_limits
 from .label_check import label_faults, label_sums
 from .levenberg import Descent
-from .reading import Logs, OnBad, Reading, read_flight
+from .options import Read, Reading, Search, begun_from, reading_of
+from .reading import Reader, Recordings
 from .residuals import Flight, gap_notes, other_channels, refuse_uninformative
 from .result import LearnEvent, LearnResult
-from .search import Search
+from .search import OrderSearch
 from .sensitivity import Data
+from .shape import Form, Shape, refuse_order, shape_of
 from .sources import sources
 from .stored import StoredFlights
-from .structure import Form, Structure, structure_of
-
-if TYPE_CHECKING:
-    from distributed import Client
 
 __all__ = ["learn"]
+
+Label = Literal["given", "offset"]
+ByAxis = Literal["shared", "each", "compare"]
 
 HIGHEST_ORDER = 12
 # A decay rate of 2 pi / T settles to 0.2 % within a flight of T, and flights resolve frequencies 2 pi / T apart.
 _SHOWN = 2.0 * np.pi
 _SLOW = 0.1  # of the sampling rate: what is slow in logs of a few samples
+_SAME_RATE = 0.01  # share by which the filter's step may differ from the recordings' unnoted
 _SHORT = 200  # samples a coefficient below which an order is cross-validated unasked
 
 
+@overload
 def learn(
-    logs: Logs,
+    recordings: Recordings,
     order: SupportsIndex | Sequence[SupportsIndex],
     *,
-    form: Form = "lowpass",
-    dc_gain: float | None = 1.0,
-    type: SupportsIndex | None = None,
-    zeros_at: ArrayLike = (),
-    blocked_at: ArrayLike = (),
-    poles: ArrayLike = (),
-    pole_range: tuple[float, float] | None = None,
-    damping: float | None = None,
-    regularisation: float = 0.0,
-    start: PhyFilter | Sequence[PhyFilter] | None = None,
-    starts: int = 5,
-    weights: ArrayLike | Sequence[ArrayLike] | None = None,
+    shape: Shape | Form = ...,
+    sampling: Sampling | None = ...,
+    channels: Sequence[int | str] | None = ...,
+    axes: Literal["shared"] = ...,
+    weights: ArrayLike | Sequence[ArrayLike] | None = ...,
+    label: Label = ...,
+    held_out: Recordings | None = ...,
+    loop: LoopGoal | None = ...,
+    search: Search | None = ...,
+    reading: Read | None = ...,
+) -> LearnResult: ...
+@overload
+def learn(
+    recordings: Recordings,
+    order: SupportsIndex | Sequence[SupportsIndex],
+    *,
+    shape: Shape | Form = ...,
+    sampling: Sampling | None = ...,
+    channels: Sequence[int | str] | None = ...,
+    axes: Literal["each", "compare"],
+    weights: ArrayLike | Sequence[ArrayLike] | None = ...,
+    label: Label = ...,
+    held_out: Recordings | None = ...,
+    loop: LoopGoal | None = ...,
+    search: Search | None = ...,
+    reading: Read | None = ...,
+) -> AxesResult: ...
+@takes_former_options
+def learn(
+    recordings: Recordings,
+    order: SupportsIndex | Sequence[SupportsIndex],
+    *,
+    shape: Shape | Form = "lowpass",
+    sampling: Sampling | None = None,
     channels: Sequence[int | str] | None = None,
-    label_offset: bool = False,
-    held_out: Logs | None = None,
-    seed: int = 0,
-    method: Method = "exact",
-    g: Rule = "hold",
-    f_theta: Rule = "average",
-    delay: float = 0.0,
-    limit: ArrayLike | None = None,
-    g_limit: tuple[ArrayLike, ArrayLike] | None = None,
-    E: ArrayLike | None = None,
-    max_iterations: int = 80,
-    wiener: bool = True,
-    cross_validate: bool | None = None,
-    intervals: bool = True,
+    axes: ByAxis = "shared",
+    weights: ArrayLike | Sequence[ArrayLike] | None = None,
+    label: Label = "given",
+    held_out: Recordings | None = None,
     loop: LoopGoal | None = None,
-    callback: Callable[[LearnEvent], bool | None] | None = None,
-    read: Callable[[Path], Recording] = read_flight,
-    on_bad: OnBad = "raise",
-    workers: int | None = None,
-    scheduler: str | Client | None = None,
-    report: Report = silent,
-) -> LearnResult:
+    search: Search | None = None,
+    reading: Read | None = None,
+) -> LearnResult | AxesResult:
     """Return the filter of an order that fits f best on flights, and how far it is from the best possible one.
 
     Parameters
     ----------
-    logs : Recording, path, or sequence of Recording, path or function () -> Recording
+    recordings : Recording, path, or sequence of Recording, path or function () -> Recording
         Flights with a label, the true f = M x' - g, of the same channels; they stay apart. A missing f_theta or g is 0.
         Steps may differ, within a flight and between flights. Files are read when they are needed, not kept; of a
         folder every table (Parquet, Arrow, Feather, CSV) is a flight. Or one function () -> iterable of Recording,
@@ -105,94 +118,50 @@ def learn(
     order : int or sequence of int
         Order n of D, 1 to 12. Lower orders are learned on the way. Of several orders, ``range(1, 7)``, the one that
         cross-validation chooses is returned.
-    form : {"lowpass", "general"}
-        N = a_0, or N free but for the conditions below.
-    dc_gain : float or None
-        F(0) of the general form: 1, the default, follows a constant residual with no steady error. 0 leaves it alone
-        (band-pass). None leaves F(0) to the data, which rarely hold it.
-    type : int, optional
-        Zeros of 1 - F at s = 0 (general form): 2 follows ramps with no steady error, and so on.
-    zeros_at : array_like, shape (m,), optional
-        Angular frequencies in rad/s at which 1 - F vanishes, as for :func:`~phyfilter_ctl.place_poles`: what is
-        periodic there is followed.
-    blocked_at : array_like, shape (m,), optional
-        Angular frequencies in rad/s at which F vanishes: what is periodic there, a vibration, is not followed.
-    poles : array_like, shape (m,), optional
-        Poles in rad/s that are given; the others are learned.
-    pole_range : (float, float), optional
-        Least and largest magnitude in rad/s of the poles that are learned, inside what the data show (Notes).
-    damping : float, optional
-        Least damping ratio of the poles that are learned.
-    regularisation : float
-        Pull towards the filter of the order below: the share of further samples, white and as strong as the measured
-        residual, that would ask for it. 0 for none.
-    start : PhyFilter or sequence of PhyFilter, optional
-        Further starts, each for its own order.
-    starts : int
-        Number of random starts of every order, beside warm starts from the order before and a scan of cutoffs.
-    weights : array_like or sequence of array_like, optional
-        How much the squared errors count, one entry a flight: a number, (N,) or (N, K) for the K channels that take
-        part. For a single Recording the entry itself.
+    shape : Shape or {"lowpass", "general"}
+        What F is made to be: a word for N = a_0 or N free with F(0) = 1, or further conditions.
+    sampling : Sampling, optional
+        With what the filter will run: method, rules of g and f_theta, delay of x (the label is not delayed), what the
+        actuators leave of g (where the recordings hold commands beyond it), the inertia of recordings that have none,
+        and E: f_theta and label of the recordings are what acts on x, E f. Its limit plays no part in learning, nor
+        does its precision. Without ``dt`` the filter runs at the step of the first recording. With ``channels`` limits
+        of g and an inertia are single numbers.
     channels : sequence of int or str, optional
         Channels that take part, by number or name; None means all.
-    label_offset : bool
-        Whether the label of each flight and channel may be off by a constant, which is fitted along: for labels that
-        have lost their mean. Errors are then less their mean over the flight.
-    held_out : as ``logs``, optional
-        Flights that are scored, not learned from.
-    seed : int
-        Of the random starts; the same seed gives the same filter.
-    method : {"exact", "matched", "euler", "tustin"}
-        Discretisation with which the filter will run.
-    g, f_theta : {"hold", "average"}
-        What the signals do between samples, as for :class:`SampledPhyFilter`.
-    delay : float
-        Known delay of x in s, as for :class:`SampledPhyFilter`; the label is not delayed.
-    limit : float or array_like, optional
-        Bound on |f_hat| that ``result.sampled()`` has. It plays no part in learning.
-    g_limit : pair (low, high) of floats or array_likes, shape (n_x,), optional
-        What the actuators leave of g, as for :class:`SampledPhyFilter`: where the logs hold commands beyond it, the
-        measured residual is that of the filter that will run. With ``channels`` a pair of floats.
-    E : array_like, shape (n_x, n_f), optional
-        Direction in which f acts, M x' = g + E f. f_theta and label of the logs are what acts on x, E f.
-    max_iterations : int
-        Most steps of one descent.
-    wiener : bool
-        Whether to compare with the causal Wiener filter.
-    cross_validate : bool, optional
-        Whether to score every order on folds it was not learned from, whole flights where there are five at least:
-        ``result.orders``, ``result.flights``. None does where it decides: several orders asked for, or fewer than 200
-        samples a coefficient. A single order whose RMSE there is more than 1 % above that of a lower one is not
-        returned; the lowest good one is.
-    intervals : bool
-        Whether to find standard errors.
+    axes : {"shared", "each", "compare"}
+        One filter for all channels; one for each, as :func:`~phyfilter_ctl.stack` makes a bank of them; or the choice,
+        by cross-validation, among one, one each and a matrix, a bank in coordinates in which the axes are not coupled.
+        Flights are cut and carried into other coordinates for that: of ``sampling`` only method, rules and delay, and
+        neither ``weights`` nor ``held_out``.
+    weights : array_like or sequence of array_like, optional
+        How much the squared errors count, one entry a recording: a number, (N,) or (N, K) for the K channels that take
+        part. For a single Recording the entry itself.
+    label : {"given", "offset"}
+        "offset": the label of each recording and channel may be off by a constant, which is fitted along: for labels
+        that have lost their mean. Errors are then less their mean over the recording.
+    held_out : as ``recordings``, optional
+        Recordings that are scored, not learned from.
     loop : LoopGoal, optional
         The loop f_hat is fed back in, and the margins and limits that the filter must keep there. ``orders`` and
         ``flights`` of the result stay those of the filter learned without it, which chooses the largest order; a filter
         that limits bind has no ``intervals`` and is not compared with the Wiener filter.
-    callback : callable, optional
-        Called with a :class:`LearnEvent` after every step that lowered a cost; True stops.
-    read : callable
-        Path -> Recording, for files that need more than :meth:`Recording.read` takes by default, such as
-        ``partial(Recording.read, time_unit="ms")`` or ``Robot.load(...).read``.
-    on_bad : {"raise", "skip"}
-        What a flight does that cannot be read or has no label: an error, or an entry of ``result.skipped``.
-    workers : int, optional
-        Processes that read files; 1 reads them here. None means one per core, or 1 where all are files of 64 MB at most
-        together.
-    scheduler : str or distributed.Client, optional
-        Of a Dask cluster whose workers read the files instead, by the same paths.
-    report : callable
-        Called with the name of every flight that is read for the first time.
+    search : Search, optional
+        Starts, seed, iterations, regularisation, a callback.
+    reading : Reading, Robot or callable, optional
+        How files are read: a robot, a function path -> Recording, or what many files need besides; and how much of
+        every beginning is left out.
 
     Returns
     -------
     LearnResult
+        With ``axes="shared"``.
+    AxesResult
+        Otherwise.
 
     Raises
     ------
     TypeError
-        If ``logs`` or ``start`` hold something else.
+        If ``recordings`` or an option hold something else.
     ValueError
         If a label is missing, there are fewer samples than parameters, the residual is constant, the order is outside
         1 to 12 or too low for the conditions on F, or an option is none of the above.
@@ -238,8 +207,12 @@ def learn(
     take the record to have begun there. Sums go in the order of the flights, so the answer does not depend on what
     reads them. A process holds two flights.
 
-    One filter serves all channels that take part. A filter of its own for each:
-    ``stack([learn(logs, n, channels=[name]).filter for name in channels])``; :func:`learn_axes` chooses.
+    The Wiener floor, the intervals, the table of orders and that of flights are computed when ``result.wiener``,
+    ``.intervals``, ``.orders`` and ``.flights`` are asked for the first time; files are read again for all but the
+    intervals. Of recordings in memory the result keeps u and gamma* up to 16 MB, of more of them correlations by fold
+    and u before every cut, as far back as these reach; and for intervals the beginnings of all, 100,000 samples. Where
+    steps differ, samples have weights, the rule is "matched" or the filter remembers much of each recording, u and
+    gamma* are kept whatever they take.
 
     Examples
     --------
@@ -249,84 +222,123 @@ def learn(
     >>> from phyfilter_ctl import Recording, PhyFilter
     >>> x = np.cumsum(np.random.default_rng(0).standard_normal((2000, 1)), axis=0)
     >>> label = PhyFilter([400.0, 30.0]).sampled(0.01).run(x)
-    >>> result = learn(Recording.from_arrays(x=x, dt=0.01, label=label), 2, wiener=False)
+    >>> result = learn(Recording.from_arrays(x=x, dt=0.01, label=label), 2)
     >>> result.filter.a.round(4).tolist()
     [400.0, 30.0]
     """
-    orders = _orders(order)
-    n = max(orders)
-    _check_options(form, method, starts, max_iterations)
-    structure = structure_of(
-        form,
-        dc_gain=dc_gain,
-        type=type,
-        zeros_at=zeros_at,
-        blocked_at=blocked_at,
-        poles=poles,
-        pole_range=pole_range,
-        damping=damping,
+    _orders(order)
+    wanted, how, made = shape_of(shape), Search() if search is None else search, reading_of(reading)
+    if not isinstance(how, Search):
+        raise TypeError(f"search: expected a Search, got {type(how).__name__}")
+    asked = _sampling(sampling, channels)
+    for name, value, choices in (("label", label, Label), ("axes", axes, ByAxis)):
+        if value not in get_args(choices):
+            raise ValueError(f"{name}: expected one of {', '.join(get_args(choices))}, got {value!r}")
+    options: dict[str, Any] = {"shape": wanted, "label": label, "loop": loop, "how": how}
+    if axes == "each":
+        learner = partial(_learned, order=order, held_out=held_out, made=made, **options)
+        entries = _weights(weights, isinstance(recordings, Recording))
+        return one_each(recordings, learner, channels, asked, entries, made)
+    if axes == "compare":
+        refuse_beside(weights=weights, held_out=held_out)
+        learner = partial(_learned, order=order, sampling=asked, made=made, **options)
+        return compared(recordings, learner, channels, asked, made)
+    return _learned(
+        recordings,
+        order,
+        sampling=asked,
+        channels=channels,
+        weights=_weights(weights, isinstance(recordings, Recording)),
+        held_out=held_out,
+        made=made,
+        **options,
     )
-    structure.refuse(min(orders))
-    sampling = Sampling(1.0, method, g, f_theta, delay=delay, limit=limit, g_limit=g_limit)
-    if channels is not None and sampling.g_limit is not None and sampling.g_limit.size > 2:
-        raise ValueError("g_limit: with channels expected one pair of numbers, got one for each channel")
-    pull = _signals.number("regularisation", regularisation, least=0.0)
-    if on_bad not in get_args(OnBad):
-        raise ValueError(f"on_bad: expected one of {', '.join(get_args(OnBad))}, got {on_bad!r}")
-    entries = _weights(weights, isinstance(logs, Recording))
-    options = {
-        **{"channels": channels, "g": g, "f_theta": f_theta, "delay": sampling.delay},
-        **{"g_limit": g_limit, "E": E},
-    }
+
+
+def _learned(
+    recordings: Recordings,
+    order: SupportsIndex | Sequence[SupportsIndex],
+    *,
+    shape: Shape,
+    sampling: Sampling,
+    label: Label,
+    loop: LoopGoal | None,
+    how: Search,
+    made: Reading,
+    channels: Sequence[int | str] | None = None,
+    weights: Sequence[ArrayLike] | None = None,
+    held_out: Recordings | None = None,
+) -> LearnResult:
+    """One filter for all channels that take part."""
+    orders = _orders(order)
+    n, offset = max(orders), label == "offset"
+    refuse_order(shape, min(orders))
+    begins = begun_from(how, n)
     with ExitStack() as stack:
-        reading = Reading(stack, read, options, on_bad == "skip", workers, scheduler, report)
-        flights, skipped = reading.flights("logs", logs, entries)
+        reader = Reader(stack, made, {"channels": channels, "sampling": sampling, "skip": made.skip})
+        flights, skipped = reader.flights("recordings", recordings, weights)
         refuse_uninformative(flights, n)
-        tests, bad = ([], ()) if held_out is None else reading.flights("held_out", held_out, None)
+        tests, bad = ([], ()) if held_out is None else reader.flights("held_out", held_out, None)
         if tests and (fault := other_channels(tests[0], flights[0])):
             raise ValueError(f"held_out: {fault}")
-        given = _starts(start, n)
-        notes = _notes(flights, label_offset)
-        recorder = _Recorder(callback)
+        sampling.check_channels(len(flights[0].channels) if sampling.E is None else len(sampling.E))
+        notes = (*_notes(flights, offset), *_other_rate(sampling, flights[0].dt))
+        recorder = _Recorder(how.callback)
         # Two threads of a BLAS make products of this size ten times slower.
         stack.enter_context(threadpool_limits(1, user_api="blas"))
-        data = sources(flights, method, offset=label_offset)
-        search = _search(flights, data, form, method, n, max_iterations, recorder.report, structure, pull)
+        data = sources(flights, sampling.method, offset=offset)
+        seeking = _search(flights, data, shape, sampling.method, n, how, recorder.report)
         with suppress(_CancelledError):
-            search.climb(n, given, starts, np.random.default_rng(seed))
+            seeking.climb(n, begins, how.starts, np.random.default_rng(how.seed))
         if recorder.cancelled:
-            search.settle()
-        asked = Asked(
+            seeking.settle()
+        task = Asked(
             orders,
             flights,
             tests,
-            replace(sampling, dt=flights[0].dt),
-            E,
-            label_offset,
-            wiener,
-            _worthwhile(flights, orders, form) if cross_validate is None else cross_validate,
-            intervals,
+            sampling if sampling.has_dt else replace(sampling, dt=flights[0].dt),
+            offset,
+            _worthwhile(flights, orders, shape.form) if how.cross_validate is None else how.cross_validate,
             (*skipped, *bad),
+            Where.of(flights, reader, recordings, weights),
         )
-        result = answer(search, asked, tuple(recorder.events), recorder.cancelled, notes)
+        result = answer(seeking, task, tuple(recorder.events), recorder.cancelled, notes)
         if loop is not None:
             result = keep_limits(
-                search,
+                seeking,
                 loop,
-                asked.sampling,
+                task.sampling,
                 flights,
                 result,
-                lambda found: _scores(found, search, asked),
-                offset=label_offset,
+                lambda found: _scores(found, seeking, task),
+                offset=offset,
             )
     if result.status is Status.INFEASIBLE:
-        warnings.warn(result.message, stacklevel=2)
+        warnings.warn(result.message, stacklevel=4)
     for note in result.notes[len(notes) :]:
-        warnings.warn(note, stacklevel=2)
+        warnings.warn(note, stacklevel=4)
     return result
 
 
-def _scores(filter: PhyFilter, search: Search, asked: Asked) -> tuple[float, float | None]:
+def _sampling(given: Sampling | None, channels: Sequence[int | str] | None) -> Sampling:
+    found = Sampling() if given is None else given
+    if not isinstance(found, Sampling):
+        raise TypeError(f"sampling: expected a Sampling, got {type(found).__name__}")
+    if channels is not None and found.g_limit is not None and found.g_limit.size > 2:
+        raise ValueError("g_limit: with channels expected one pair of numbers, got one for each channel")
+    if channels is not None and isinstance(found.inertia, np.ndarray) and found.inertia.ndim:
+        raise ValueError("inertia: with channels expected one number, got one for each channel")
+    return found
+
+
+def _other_rate(sampling: Sampling, dt: float) -> tuple[str, ...]:
+    """That the filter will run at another rate than it is learned at, in words; empty where it will not."""
+    if not sampling.has_dt or abs(sampling.dt / dt - 1.0) <= _SAME_RATE:
+        return ()
+    return (f"learned at the recordings' steps of {dt:.6g} s, for steps of {sampling.dt:.6g} s",)
+
+
+def _scores(filter: PhyFilter, search: OrderSearch, asked: Asked) -> tuple[float, float | None]:
     held_out = rmse(filter, asked.tests, search, asked.offset) if asked.tests else None
     return rmse(filter, asked.flights, search, asked.offset), held_out
 
@@ -342,7 +354,7 @@ def _notes(flights: Sequence[Flight], offset: bool) -> tuple[str, ...]:
     sums = flights.sums if isinstance(flights, StoredFlights) else [label_sums(flight) for flight in flights]
     faults = label_faults(sums, flights[0].channels, offset=offset)
     for fault in faults:
-        warnings.warn(fault, stacklevel=3)
+        warnings.warn(fault, stacklevel=5)
     missing = [] if any(flight.has_g for flight in flights) else ["no g: M x' is taken as f"]
     return (*missing, *gap_notes(flights), *faults)
 
@@ -370,14 +382,12 @@ class _Recorder:
 def _search(
     flights: Sequence[Flight],
     data: tuple[Data, Data],
-    form: Form,
+    shape: Shape,
     method: Method,
     order: int,
-    limit: int,
+    how: Search,
     report: Callable[[int, int, Descent], None],
-    structure: Structure,
-    pull: float,
-) -> Search:
+) -> OrderSearch:
     longest = max(float((flight.mean_step or flight.dt) * flight.length) for flight in flights)
     step = max(flight.longest_step for flight in flights)
     shortest = min(flight.dt for flight in flights)
@@ -387,14 +397,14 @@ def _search(
     )
     # A gap is one long step, but no reason to keep the poles slow; forward Euler has no choice.
     typical = max(flight.dt for flight in flights)
-    strength = pull * sum(flight.weight * flight.power for flight in flights)
+    strength = how.regularisation * sum(flight.weight * flight.power for flight in flights)
     resolved = step if method == "euler" else typical
-    search = Search(*data, form, method, resolved, floor, limit, report, structure, strength)
+    search = OrderSearch(*data, method, resolved, floor, how.max_iterations, report, shape, strength)
     low, high = search.band
     if not low < high:
         raise ValueError(
             f"pole_range: expected a part of what the flights show, {floor:.3g} to {FASTEST / search.step:.3g} rad/s "
-            f"(2 pi over the longest flight, {FASTEST:g} over the step), got {structure.pole_range}"
+            f"(2 pi over the longest flight, {FASTEST:g} over the step), got {shape.pole_range}"
         )
     return search
 
@@ -415,14 +425,6 @@ def _orders(order: SupportsIndex | Sequence[SupportsIndex]) -> tuple[int, ...]:
     return found
 
 
-def _check_options(form: Form, method: Method, starts: int, max_iterations: int) -> None:
-    for name, value, choices in (("form", form, get_args(Form)), ("method", method, get_args(Method))):
-        if value not in choices:
-            raise ValueError(f"{name}: expected one of {', '.join(choices)}, got {value!r}")
-    _signals.count("starts", operator.index(starts), least=0)
-    _signals.count("max_iterations", operator.index(max_iterations))
-
-
 def _weights(weights: ArrayLike | Sequence[ArrayLike] | None, single: bool) -> Sequence[ArrayLike] | None:
     if weights is None:
         return None
@@ -431,13 +433,3 @@ def _weights(weights: ArrayLike | Sequence[ArrayLike] | None, single: bool) -> S
     if not isinstance(weights, Sequence | np.ndarray) or isinstance(weights, str):
         raise TypeError(f"weights: expected a sequence with one entry a flight, got {weights!r}")
     return [_signals.real("weights", entry) for entry in weights]
-
-
-def _starts(start: PhyFilter | Sequence[PhyFilter] | None, order: int) -> list[PhyFilter]:
-    given = [] if start is None else [start] if isinstance(start, PhyFilter) else list(start)
-    for entry in given:
-        if not isinstance(entry, PhyFilter):
-            raise TypeError(f"start: expected PhyFilters, got {type(entry).__name__}")
-        if entry.order > order:
-            raise ValueError(f"start: a filter of order {entry.order} cannot start the orders up to {order}")
-    return given

@@ -87,7 +87,7 @@ class Offsets:
     def _past(self, flight: Flight, place: int, reach: int) -> FloatArray:
         """The last u (l, K) before a place, as many as the chain remembers."""
         if place == 0:
-            return np.zeros((0, flight.samples // flight.length))
+            return np.zeros((0, flight.width))
         past, complete = flight.before(place)
         if past.shape[1] < reach and not complete and not self.rough:
             past = flight.u[:place].T[:, ::-1]

@@ -10,22 +10,19 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast
+from types import NoneType
+from typing import Any, TypeAlias, cast
 
 from ...execution import Executor, Report
-from ...logfiles import read_recording
 from ...recording import Recording
+from .options import Reading
 from .residuals import Flight, flights_of, other_channels, other_time_units
 from .stored import Answer, OneFlight, Source, StoredFlight, StoredFlights, load, serve, surveyed
 
-if TYPE_CHECKING:
-    from distributed import Client
+__all__ = ["Reader", "Recordings", "files_of", "first_of", "listed"]
 
-__all__ = ["Logs", "OnBad", "Reading", "files_of", "read_flight"]
-
-Logs: TypeAlias = OneFlight | Sequence[OneFlight] | Callable[[], Iterable[Recording]]
+Recordings: TypeAlias = OneFlight | Sequence[OneFlight] | Callable[[], Iterable[Recording]]
 Bad: TypeAlias = tuple[tuple[str, str], ...]
-OnBad = Literal["raise", "skip"]
 
 # Bytes of all files below which one process reads them sooner than several do that have to start.
 _SMALL = 64 << 20
@@ -34,51 +31,49 @@ _FLIGHTS_MADE = 1 << 6
 _TABLES = (".parquet", ".pq", ".arrow", ".feather", ".csv")
 
 
-def read_flight(path: Path) -> Recording:
-    """A file of any table format by its usual columns."""
-    return read_recording(path)
-
-
 @dataclass(frozen=True)
-class Reading:
-    """How one call of ``learn`` reads flights.
+class Reader:
+    """Reads the flights of one call of ``learn``.
 
     Attributes
     ----------
     stack : ExitStack
         Ends the workers that were started.
-    read : callable
-        Path -> Recording.
+    how : Reading
     options : mapping
         Of :func:`flights_of`.
-    skip : bool
-        Whether bad flights are left out.
-    workers, scheduler
-        Of the :class:`Executor`.
-    report : callable
-        Called with the name of every flight that is read for the first time.
     """
 
     stack: ExitStack
-    read: Callable[[Path], Recording]
+    how: Reading
     options: Mapping[str, Any]
-    skip: bool
-    workers: int | None
-    scheduler: str | Client | None
-    report: Report
 
     executors: list[Executor] = field(default_factory=list)
+
+    @property
+    def skip(self) -> bool:
+        """Whether bad flights are left out."""
+        return self.how.on_bad == "skip"
+
+    @property
+    def is_spread(self) -> bool:
+        """Whether a cluster reads."""
+        return not isinstance(self.how.workers, int | NoneType)
 
     def executor(self, logs: Sequence[OneFlight]) -> Executor:
         """Started when the first flights are read; in this process where these are small."""
         if not self.executors:
-            workers = self.workers
-            if workers is None and self.scheduler is None and _are_small(logs):
+            workers = self.how.workers
+            if workers is None and _are_small(logs):
                 workers = 1
-            self.executors.append(self.stack.enter_context(Executor(workers, scheduler=self.scheduler)))
+            here = isinstance(workers, int | NoneType)
+            made = Executor(workers) if here else Executor(scheduler=workers)
+            self.executors.append(self.stack.enter_context(made))
         return self.executors[0]
 
-    def flights(self, name: str, logs: Logs, weights: Sequence[Any] | None) -> tuple[Sequence[Flight], Bad]:
+    def flights(
+        self, name: str, logs: Recordings, weights: Sequence[Any] | None
+    ) -> tuple[Sequence[Flight], Bad]:
         """Flights, whose signals are in memory or not, and the bad ones that were left out.
 
         Raises
@@ -88,12 +83,10 @@ class Reading:
         ValueError, OSError
             If there are none, or one is bad and not skipped.
         """
-        found = _listed(name, logs)
+        found = listed(name, logs)
         if not isinstance(found, list):
             stored = _made_flights(self, found, weights)
-        elif self.scheduler is not None or any(
-            isinstance(log, str | os.PathLike) or callable(log) for log in found
-        ):
+        elif self.is_spread or any(isinstance(log, str | os.PathLike) or callable(log) for log in found):
             stored = _stored_flights(self, found, weights)
         else:
             return self._of_one_clock(
@@ -133,7 +126,7 @@ class Reading:
         bad: list[tuple[str, str]] = []
         for i, (log, entry) in enumerate(zip(logs, entries, strict=True)):
             try:
-                flight = load(log, self.read, entry, dict(self.options))
+                flight = load(log, self.how.read, entry, dict(self.options))
                 if fault := other_channels(flight, (found or [flight])[0]):
                     raise ValueError(fault)
                 found.append(replace(flight, log=i))
@@ -143,7 +136,7 @@ class Reading:
         return found, tuple(bad)
 
 
-def _listed(name: str, logs: object) -> list[OneFlight] | Callable[[], Iterable[Recording]]:
+def listed(name: str, logs: object) -> list[OneFlight] | Callable[[], Iterable[Recording]]:
     """Flights one by one, a folder as its files; or the function that makes them.
 
     Raises
@@ -200,7 +193,27 @@ def files_of(path: Path) -> list[Path]:
     return files
 
 
-def _stored_flights(how: Reading, logs: list[OneFlight], weights: Sequence[Any] | None) -> StoredFlights:
+def first_of(recordings: Recordings, how: Reading) -> Recording:
+    """The first good recording.
+
+    Raises
+    ------
+    ValueError, OSError
+        If there is none.
+    """
+    found = listed("recordings", recordings)
+    for log in found if isinstance(found, list) else found():
+        try:
+            if isinstance(log, str | os.PathLike):
+                return how.read(Path(log))
+            return log if isinstance(log, Recording) else log()
+        except (ValueError, OSError):
+            if how.on_bad == "raise":
+                raise
+    raise ValueError("recordings: no good flight among them")
+
+
+def _stored_flights(how: Reader, logs: list[OneFlight], weights: Sequence[Any] | None) -> StoredFlights:
     """Every flight read once, side by side."""
     if weights is not None and len(weights) != len(logs):
         raise ValueError(f"weights: expected one entry for each of the {len(logs)} logs, got {len(weights)}")
@@ -209,32 +222,32 @@ def _stored_flights(how: Reading, logs: list[OneFlight], weights: Sequence[Any] 
     serve(token, executor)
     entries = [None] * len(logs) if weights is None else weights
     sources = [
-        Source(token, i, _name(log, i), partial(load, log, how.read, entry, dict(how.options)))
+        Source(token, i, _name(log, i), partial(load, log, how.how.read, entry, dict(how.options)))
         for i, (log, entry) in enumerate(zip(logs, entries, strict=True))
     ]
     survey = partial(surveyed, flights=len(logs), skip=how.skip)
     names = [source.name for source in sources]
-    return _gathered(how, sources, executor.map(survey, sources, names=names, report=how.report))
+    return _gathered(how, sources, executor.map(survey, sources, names=names, report=how.how.report))
 
 
 def _made_flights(
-    how: Reading, make: Callable[[], Iterable[Recording]], weights: Sequence[Any] | None
+    how: Reader, make: Callable[[], Iterable[Recording]], weights: Sequence[Any] | None
 ) -> StoredFlights:
     """Every flight that a function makes, here, one after the other."""
     if weights is not None:
         raise ValueError("weights: flights that a function makes all count alike; give a list of flights")
-    if how.scheduler is not None:
+    if how.is_spread:
         raise ValueError(
-            "scheduler: flights that one function makes one after the other cannot be spread over workers; give a list "
+            "workers: flights that one function makes one after the other cannot be spread over workers; give a list "
             "of files, or of functions () -> Recording"
         )
     made = _Made(make)
-    sources = made.sources(uuid.uuid4().hex, dict(how.options), how.report)
+    sources = made.sources(uuid.uuid4().hex, dict(how.options), how.how.report)
     survey = partial(surveyed, flights=_FLIGHTS_MADE, skip=how.skip)
     return _gathered(how, made.known, map(survey, sources))
 
 
-def _gathered(how: Reading, sources: Sequence[Source], answers: Iterable[Answer]) -> StoredFlights:
+def _gathered(how: Reader, sources: Sequence[Source], answers: Iterable[Answer]) -> StoredFlights:
     found = StoredFlights(sources)
     for i, answer in enumerate(answers):
         if not isinstance(answer, str):
@@ -261,7 +274,7 @@ def _are_small(logs: Sequence[OneFlight]) -> bool:
 def _refuse_empty(found: Sequence[Flight], bad: Sequence[tuple[str, str]]) -> None:
     if not found:
         text = f"; the first: {bad[0][0]}: {bad[0][1]}" if bad else ""
-        raise ValueError(f"logs: no good flight among {len(bad)}{text}")
+        raise ValueError(f"recordings: no good flight among {len(bad)}{text}")
     if not any(flight.takes_part for flight in found):
         raise ValueError("weights: all are 0, nothing to fit; give at least one flight a positive weight")
 
@@ -290,7 +303,9 @@ class _Made:
             self.known.append(Source(token, i, name, partial(self._load, i, options)))
             # The flight at hand is not made twice.
             yield replace(
-                self.known[-1], token=f"{token}, survey", load=partial(load, log, read_flight, None, options)
+                self.known[-1],
+                token=f"{token}, survey",
+                load=partial(load, log, Recording.read, None, options),
             )
 
     def _load(self, index: int, options: dict[str, Any]) -> Flight:
@@ -299,8 +314,8 @@ class _Made:
         for log in self._logs:
             self._next += 1
             if self._next > index:
-                return load(log, read_flight, None, options)
+                return load(log, Recording.read, None, options)
         raise ValueError(
-            f"logs: the function made {self._next} flights in a later pass, {len(self.known)} in the first; it has to "
-            "begin anew each time it is called"
+            f"recordings: the function made {self._next} flights in a later pass, {len(self.known)} in the first; it "
+            "has to begin anew each time it is called"
         )

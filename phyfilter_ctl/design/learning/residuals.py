@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 from types import NoneType
-from typing import NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 from ... import _signals
 from ..._sections import FloatArray
 from ...execution import Executor
-from ...filter import PhyFilter, Recursion, record
-from ...filter.sampling import Rule
+from ...filter import PhyFilter, Recursion, Sampling, record
 from ...recording import Recording
 from ...recording.checks import refuse_gaps
 
@@ -59,6 +58,8 @@ class Flight:
         Mean step in s of the log between its gaps; 0 for ``dt``.
     gaps : tuple of float
         Lengths in s of its gaps.
+    first : int
+        Steps at its beginning that are run through and do not count.
     """
 
     u: FloatArray
@@ -73,6 +74,7 @@ class Flight:
     log: int = 0
     mean_step: float = 0.0
     gaps: tuple[float, ...] = ()
+    first: int = 0
 
     @property
     def executor(self) -> Executor | None:
@@ -115,9 +117,24 @@ class Flight:
         return len(self.u)
 
     @property
+    def width(self) -> int:
+        """Number K of channels."""
+        return self.u.shape[1]
+
+    @property
     def samples(self) -> int:
-        """Number of targets, all channels together."""
-        return self.target.size
+        """Number of targets that count, all channels together."""
+        return (self.length - self.first) * self.width
+
+    def counted(self) -> Flight:
+        """What counts of it, by itself."""
+        if not self.first:
+            return self
+        known: dict[str, Any] = {entry.name: getattr(self, entry.name) for entry in fields(Flight)}
+        for name in ("u", "target", "steps", "sample_weights", "g"):
+            known[name] = None if known[name] is None else known[name][self.first :]
+        known["first"] = 0
+        return Flight(**known)
 
     @property
     def longest_step(self) -> float:
@@ -191,11 +208,8 @@ def flights_of(
     *,
     channels: Sequence[int | str] | None = None,
     weights: Sequence[ArrayLike] | None = None,
-    g: Rule = "hold",
-    f_theta: Rule = "average",
-    delay: float = 0.0,
-    g_limit: tuple[ArrayLike, ArrayLike] | None = None,
-    E: ArrayLike | None = None,
+    sampling: Sampling | None = None,
+    skip: float = 0.0,
 ) -> list[Flight]:
     """Residuals and targets of logs, without the first sample, where f_hat = f_theta, and those after a gap.
 
@@ -207,12 +221,11 @@ def flights_of(
         Channels that take part, by number or name; None means all.
     weights : sequence, optional
         One entry a log: a number, (N,) or (N, K) for K channels that take part.
-    g, f_theta : {"hold", "average"}
-    delay : float
-    g_limit : pair, optional
-    E : array_like, shape (n_x, n_f), optional
-        As for :class:`~phyfilter_ctl.SampledPhyFilter`. With E the channels are those of f, and what the logs hold of
-        f_theta and the label, as M x' - g, is carried to them.
+    sampling : Sampling, optional
+        What counts of it: rules, delay, limits of g, inertia and E; the interval is each log's own. With E the channels
+        are those of f, and what the logs hold of f_theta and the label, as M x' - g, is carried to them.
+    skip : float
+        Time in s at the beginning of every log that does not count.
 
     Raises
     ------
@@ -224,22 +237,19 @@ def flights_of(
     """
     if weights is not None and len(weights) != len(logs):
         raise ValueError(f"weights: expected one entry for each of the {len(logs)} logs, got {len(weights)}")
-    found = []
+    found, given = [], sampling or Sampling()
+    options = {name: getattr(given, name) for name in ("g", "f_theta", "delay", "g_limit", "inertia", "E")}
     for i, log in enumerate(logs):
         if not isinstance(log, Recording):
-            raise TypeError(f"logs: expected Recordings, got {type(log).__name__} at place {i}")
+            raise TypeError(f"recordings: expected Recordings, got {type(log).__name__} at place {i}")
         if log.label is None:
             raise ValueError(
                 f"{named(log, i)} has no label: learning needs the true f; give label=, or label columns in the CSV. "
                 "Without one: estimate(log), or smooth_label(log).recording, whose label comes out of x"
             )
         # Any filter will do: the measured residual does not depend on it.
-        recursion = (
-            PhyFilter([1.0])
-            .sampled(log.dt, "exact", g=g, f_theta=f_theta, delay=delay, g_limit=g_limit, E=E)
-            .recursion
-        )
-        columns = _columns(log, i, channels) if E is None else _all_of(recursion, log, channels)
+        recursion = PhyFilter([1.0]).sampled(log.dt, "exact", **options).recursion
+        columns = _columns(log, i, channels) if given.E is None else _all_of(recursion, log, channels)
         weight, own = (1.0, None) if weights is None else _weight(weights[i], log, i, len(columns))
         steps = np.diff(log.times)
         gaps = np.flatnonzero(recursion.is_gap(steps))
@@ -252,6 +262,11 @@ def flights_of(
         made = np.delete(steps, gaps)
         even = all(part.steps is None for part in parts)
         longest = max(parts, key=lambda part: len(part.u))
+        own = None if own is None else np.delete(own, gaps, axis=0)
+        first = _skipped(np.delete(log.times[1:], gaps), log, i, skip) if skip else 0
+        if first and not (even and own is None):  # these are summed sample by sample
+            own = np.ones((len(made), len(columns))) if own is None else own.copy()
+            own[:first] = 0.0
         found.append(
             Flight(
                 np.concatenate([part.u for part in parts]),
@@ -259,17 +274,28 @@ def flights_of(
                 longest.dt if even else log.dt,
                 None if even else made,
                 weight,
-                None if own is None else np.delete(own, gaps, axis=0),
+                own,
                 np.concatenate(of_g) if of_g else None,
-                tuple(log.channels[k] if E is None else f"f[{k}]" for k in columns),
+                tuple(log.channels[k] if given.E is None else f"f[{k}]" for k in columns),
                 i,
                 0.0 if log.is_uniform else float(np.mean(made)),
                 tuple(steps[gaps].tolist()),
+                first,
             )
         )
     if not any(flight.takes_part for flight in found):
         raise ValueError("weights: all are 0, nothing to fit; give at least one flight a positive weight")
     return found
+
+
+def _skipped(times: FloatArray, log: Recording, i: int, skip: float) -> int:
+    """Number of targets, at some times, in the first so many seconds of a log."""
+    first = int(np.sum(times < log.times[0] + skip - _SAME_STEP * log.dt))
+    if first >= len(times):
+        raise ValueError(
+            f"skip: expected less than the {log.duration:.4g} s that {named(log, i)} lasts, got {skip:g} s"
+        )
+    return first
 
 
 def measured_residuals(
@@ -321,7 +347,7 @@ def other_time_units(flights: Sequence[Flight]) -> dict[int, str]:
     return {
         log: (
             f"its steps are {steps[log]:.4g} s, those of other flights {others[0]:.4g} s: times in another unit? Give "
-            "it, as by read=partial(Recording.read, time_unit='ms')"
+            "it, as by reading=partial(Recording.read, time_unit='ms')"
         )
         for log, others in found.items()
         if 2 * len(others) >= len(steps)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import control as ct
@@ -12,7 +12,7 @@ import numpy as np
 from ..._sections import ComplexArray, FloatArray
 from ...filter import PhyFilter, SampledPhyFilter, Sampling
 from ...filter.sampling import Method
-from ...results import Result, Status
+from ...results import Result, SearchResult, Status
 from .constraints import LoopPrice
 from .intervals import Intervals
 from .validation import FlightScore, OrderScore
@@ -20,6 +20,8 @@ from .wiener import WienerFloor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from .evidence import Evidence
 
 # A constant residual may be left with as much error as f_theta alone leaves, |1 - F(0)| = 1 (band-pass), and a little.
 _MOST_LEFT = 1.05
@@ -66,7 +68,7 @@ class LearnEvent:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LearnResult(Result):
+class LearnResult(Result, SearchResult[PhyFilter]):
     """What :func:`learn` found.
 
     Attributes
@@ -98,22 +100,11 @@ class LearnResult(Result):
         Every step that lowered a cost, of all orders and starts.
     costs : dict
         Least cost by order.
-    wiener : WienerFloor or None
-        The causal Wiener filter and the comparison with it.
     sampling : Sampling
-        Sampling interval of the first flight, the median one where steps differ, and the options the filter was
-        learned for.
-    E : (n_x, n_f) array or None
-        Direction in which f acts.
+        What the filter was learned for; without a ``dt`` of its own that of the first flight, the median one where
+        steps differ.
     slowest : float
         Least decay rate in rad/s that the flights show, 2 pi over the longest one.
-    orders : tuple of OrderScore
-        Every order on what it was not learned from; empty without cross-validation.
-    flights : tuple of FlightScore
-        Every flight with the filter learned without it, and with its own; empty without cross-validation, for one
-        flight and for more than 32.
-    intervals : Intervals or None
-        Standard errors and 95 % intervals.
     loop : LoopPrice or None
         With ``loop``: spare room of every limit, which of them bind, and what they cost.
     """
@@ -129,14 +120,46 @@ class LearnResult(Result):
     skipped: tuple[tuple[str, str], ...]
     history: tuple[LearnEvent, ...]
     costs: dict[int, float]
-    wiener: WienerFloor | None
     sampling: Sampling
-    E: FloatArray | None
     slowest: float
-    orders: tuple[OrderScore, ...] = ()
-    flights: tuple[FlightScore, ...] = ()
-    intervals: Intervals | None = None
     loop: LoopPrice | None = None
+    _evidence: Evidence | None = field(default=None, init=False, repr=False)
+
+    @property
+    def best(self) -> PhyFilter:
+        """``filter``: what every search calls what it found."""
+        return self.filter
+
+    @property
+    def wiener(self) -> WienerFloor | None:
+        """The causal Wiener filter and the comparison with it, computed when it is first asked for; None for a filter
+        that limits of a loop bind, one that a callback cut short, and too few samples for folds."""
+        return None if self._evidence is None else self._evidence.wiener
+
+    @property
+    def intervals(self) -> Intervals | None:
+        """Standard errors and 95 % intervals, computed when they are first asked for; None as for ``wiener``."""
+        return None if self._evidence is None else self._evidence.intervals
+
+    @property
+    def orders(self) -> tuple[OrderScore, ...]:
+        """Every order on what it was not learned from: cross-validated when it is first asked for, or to choose."""
+        return () if self._evidence is None else self._evidence.orders
+
+    @property
+    def flights(self) -> tuple[FlightScore, ...]:
+        """Every flight with the filter learned without it, and with its own, computed when it is first asked for; empty
+        for one flight and for more than 32."""
+        return () if self._evidence is None else self._evidence.flights
+
+    @property
+    def E(self) -> FloatArray | None:
+        """Direction in which f acts, (n_x, n_f), as ``sampling`` has it."""
+        return self.sampling.E
+
+    def _backed(self, evidence: Evidence | None) -> LearnResult:
+        object.__setattr__(self, "_evidence", evidence)
+        return self
 
     @property
     def dt(self) -> float:
@@ -169,7 +192,7 @@ class LearnResult(Result):
             raise ValueError(f"sampled: {self.message}")
         # Twelve digits: times of a recording rarely give the interval to the last bit.
         step = float(f"{self.dt:.12g}") if dt is None else dt
-        return SampledPhyFilter(self.filter, replace(self.sampling, dt=step), E=self.E)
+        return SampledPhyFilter(self.filter, replace(self.sampling, dt=step))
 
     @property
     def is_identified(self) -> bool:

@@ -16,9 +16,9 @@ from .coordinates import FASTEST, Coordinates, Limited, Schwarz
 from .levenberg import Descent
 from .parametrisation import Chain
 from .samples import Pooled
-from .sensitivity import Data, Evaluation, Form, evaluate, filter_of
+from .sensitivity import Data, Evaluation, evaluate, filter_of
+from .shape import LOWPASS, Shape
 from .shrinkage import Shrinkage
-from .structure import FREE, Structure
 
 _CUTOFFS = 10  # of the scan for where to start
 _TRIAL_STEPS = 8  # for every start; the best go on
@@ -44,14 +44,13 @@ class Best:
 
 
 @dataclass(eq=False)
-class Search:
+class OrderSearch:
     """Everything the starts of all orders share.
 
     Attributes
     ----------
     coarse, fine : Data
         What trials run on, and what the answer must hold on; one object where they are the same.
-    form : {"lowpass", "general"}
     method : {"exact", "matched", "euler", "tustin"}
     step : float
         Longest sampling interval in s.
@@ -61,7 +60,7 @@ class Search:
         Steps of one descent.
     report : callable
         Order, start, descent; called after every step that lowered a cost.
-    structure : Structure
+    shape : Shape
         What F is made to be.
     shrinkage : float
         Strength of the pull towards the order below, rho sum_k u_k^2 (``shrinkage``); 0 for none.
@@ -73,13 +72,12 @@ class Search:
 
     coarse: Data
     fine: Data
-    form: Form
     method: Method
     step: float
     floor: float
     limit: int
     report: Callable[[int, int, Descent], None]
-    structure: Structure = FREE
+    shape: Shape = LOWPASS
     shrinkage: float = 0.0
     best: dict[int, Best] = field(default_factory=dict)
     rough: dict[int, Descent] = field(default_factory=dict)
@@ -87,20 +85,20 @@ class Search:
     @cached_property
     def coordinates(self) -> Coordinates:
         """The unknowns of the descents."""
-        if not self.structure.is_limited:
+        if not self.shape.is_limited:
             return Schwarz(self.step, self.floor)
         low, high = self.band
-        return Limited(self.structure.poles, low, high, self.structure.least_damping)
+        return Limited(np.array(self.shape.poles, dtype=np.complex128), low, high, self.shape.least_damping)
 
     @property
     def band(self) -> tuple[float, float]:
         """Least and largest rate in rad/s that single poles may have; without limits the largest holds on average."""
-        low, high = self.structure.pole_range or (self.floor, np.inf)
+        low, high = self.shape.pole_range or (self.floor, np.inf)
         return max(low, self.floor), min(high, FASTEST / self.step)
 
     def filter(self, best: Best) -> PhyFilter:
         """The filter of a best one."""
-        return filter_of(best.chain, best.found.c, self.form, self.structure)
+        return filter_of(best.chain, best.found.c, self.shape)
 
     def settle(self) -> None:
         """After a callback broke off: orders that had only been tried are judged on the fine data as they stand."""
@@ -112,7 +110,7 @@ class Search:
 
     def climb(self, order: int, given: Sequence[PhyFilter], starts: int, rng: np.random.Generator) -> None:
         """Solve the orders 1 ... order, each warm-started from the one before."""
-        for n in range(self.structure.least_order, order + 1):
+        for n in range(self.shape.least_order, order + 1):
             mine = [self.coordinates.of(filter.poles) for filter in given if filter.order == n]
             warm = [self.with_pole(self.best[n - 1].chain, rate) for rate in self._extra_rates(n)]
             scan = self._scan(n)
@@ -188,7 +186,7 @@ class Search:
             # Beyond the Nyquist frequency a pole is the alias of a slower one.
             if np.max(np.abs(chain.poles.imag)) * self.step > np.pi:
                 return None
-            found = evaluate(self._pulled_down(data, chain.order), chain, self.form, self.structure)
+            found = evaluate(self._pulled_down(data, chain.order), chain, self.shape)
             return None if found is None else self.coordinates.pulled(found, chain, theta)
 
         return cost
@@ -233,7 +231,7 @@ class Search:
         for damping in (1.0, 0.4):
             begins = [self.coordinates.of(_spread(n, cutoff, damping)) for cutoff in cutoffs]
             chains = [self.coordinates.chain(theta) for theta in begins]
-            found = [evaluate(self.coarse, chain, self.form, self.structure) for chain in chains]
+            found = [evaluate(self.coarse, chain, self.shape) for chain in chains]
             costs = [np.inf if entry is None else entry.cost for entry in found]
             best.append(begins[int(np.argmin(costs))])
         return [best[0], *best]

@@ -17,7 +17,7 @@ import numpy as np
 from ..._sections import FloatArray
 from ...filter import PhyFilter
 from .parametrisation import Chain, chain_of
-from .structure import FREE, Form, Structure
+from .shape import Form, Shape, condition_rows, tidied
 
 # Directions of the states whose share in their covariance is below this carry no information on c.
 _NO_INFORMATION = 1e-13
@@ -50,11 +50,11 @@ class Evaluation(NamedTuple):
     c: FloatArray  # (n,): F = c xi
 
 
-def evaluate(data: Data, chain: Chain, form: Form, structure: Structure = FREE) -> Evaluation | None:
+def evaluate(data: Data, chain: Chain, shape: Shape) -> Evaluation | None:
     """Cost, gradient and Gauss-Newton matrix by theta; None where the sampled filter is not stable, its sensitivities
     are not known, or a block that was taken out of the moments left only rounding.
 
-    The general form solves for c by linear least squares, the conditions of the structure as equality constraints, and
+    The general form solves for c by linear least squares, the conditions of the shape as equality constraints, and
     projects the sensitivities (Kaufman's variable projection, BIT 15 (1975)); its gradient is exact. In the low-pass
     form c is a function of theta.
     """
@@ -66,11 +66,11 @@ def evaluate(data: Data, chain: Chain, form: Form, structure: Structure = FREE) 
         return None
     n = chain.order
     try:
-        if form == "lowpass":
+        if shape.form == "lowpass":
             rows, c = _lowpass_rows(chain)
             curvature = rows @ G @ rows.T
         else:
-            S, d = structure.rows(chain.doubled)
+            S, d = condition_rows(shape, chain.doubled)
             solver = Solver(G[:n, :n], S[:n])
             c = solver.least_squares(m[:n], d)
             rows = _general_rows(chain, c, solver, S)
@@ -85,14 +85,14 @@ def evaluate(data: Data, chain: Chain, form: Form, structure: Structure = FREE) 
     return Evaluation(scale * cost, -2.0 * scale * (rows @ residual), 2.0 * scale * curvature, c)
 
 
-def jacobian(data: Data, chain: Chain, c: FloatArray, form: Form, structure: Structure) -> FloatArray:
+def jacobian(data: Data, chain: Chain, c: FloatArray, shape: Shape) -> FloatArray:
     """Rows (p, 2n) with d (F u) = row [xi; eta], by theta first, then by what the conditions leave free of c."""
-    if form == "lowpass":
+    if shape.form == "lowpass":
         return _lowpass_rows(chain)[0]
     found = data.moments(chain.doubled)
     assert found is not None  # the filter has a cost on these data
     n = chain.order
-    S, _ = structure.rows(chain.doubled)
+    S, _ = condition_rows(shape, chain.doubled)
     solver = Solver(found[0][:n, :n], S[:n])
     free = np.pad(solver.basis.T / solver.sizes, [(0, 0), (0, n)])
     return np.concatenate([_general_rows(chain, c, solver, S), free])
@@ -150,10 +150,10 @@ class Solver:
         return ((self.basis @ inner.T).T / self.sizes).T
 
 
-def filter_of(chain: Chain, c: FloatArray, form: Form, structure: Structure = FREE) -> PhyFilter:
+def filter_of(chain: Chain, c: FloatArray, shape: Shape) -> PhyFilter:
     """The continuous filter c xi."""
     a, R, _, _ = chain.polynomials
-    return PhyFilter(a, None if form == "lowpass" else structure.tidied(a, R @ c), poles=chain.poles)
+    return PhyFilter(a, None if shape.form == "lowpass" else tidied(shape, a, R @ c), poles=chain.poles)
 
 
 def coefficient_gradient(

@@ -44,7 +44,7 @@ def sources(flights: Sequence[Flight], method: Method, *, offset: bool = False) 
 
 
 def _offsets(flights: Sequence[Flight], method: Method, *, rough: bool = False) -> list[Offsets]:
-    groups = [[Stretch(flight, 0, flight.length, flight.weight)] for flight in flights]
+    groups = [[Stretch(flight, flight.first, flight.length, flight.weight)] for flight in flights]
     return [Offsets(groups, method, rough)] if groups else []
 
 
@@ -64,6 +64,6 @@ def _correlated(
         else:
             groups.append([flight])
     return [
-        Correlations.of([Stretch(f, 0, f.length, f.weight) for f in group], method, rough=rough)
+        Correlations.of([Stretch(f, f.first, f.length, f.weight) for f in group], method, rough=rough)
         for group in groups
     ]

@@ -96,6 +96,7 @@ class Survey(NamedTuple):
     channels: tuple[str, ...]
     mean_step: float
     gaps: tuple[float, ...]
+    head: FloatArray  # u of the steps that do not count
 
     def bare(self, **changed: Any) -> Survey:
         """Without signals."""
@@ -122,6 +123,7 @@ class StoredFlight(Flight):
     def __init__(self, source: Source, survey: Survey) -> None:
         known = {"dt": survey.dt, "weight": survey.weight, "channels": survey.channels}
         known |= {"log": source.index, "mean_step": survey.mean_step, "gaps": survey.gaps}
+        known |= {"first": len(survey.head)}
         self.__dict__.update(known, source=source, survey=survey)
 
     def __getattr__(self, name: str) -> Any:
@@ -170,7 +172,11 @@ class StoredFlight(Flight):
 
     @property
     def samples(self) -> int:
-        return self.survey.shape[0] * self.survey.shape[1]
+        return (self.survey.shape[0] - self.first) * self.survey.shape[1]
+
+    @property
+    def width(self) -> int:
+        return self.survey.shape[1]
 
     @property
     def longest_step(self) -> float:
@@ -181,14 +187,16 @@ class StoredFlight(Flight):
         return self.survey.has_g
 
     def totals(self, first: int, last: int) -> tuple[FloatArray, FloatArray]:
-        """As of a flight in memory; those of the whole were kept."""
-        if (first, last) == (0, self.length):
+        """As of a flight in memory; those of what counts were kept."""
+        if (first, last) == (self.first, self.length):
             return self.survey.totals
         return super().totals(first, last)
 
     def before(self, place: int) -> tuple[FloatArray, bool]:
         """As of a flight in memory; those of the end were kept."""
         end = self.survey.end
+        if place == self.first:
+            return self.survey.head.T[:, ::-1], True
         if place == self.length:
             return end.T[:, ::-1], len(end) == place
         return super().before(place)
@@ -215,7 +223,7 @@ class StoredFlight(Flight):
         """A flight that is made of this one when it is read."""
         source = self._source(how, make)
         found = _loaded(source) if self.is_weighted else None
-        totals = self.survey.totals if found is None else found.totals(0, self.length)
+        totals = self.survey.totals if found is None else found.totals(self.first, self.length)
         return StoredFlight(source, self.survey.bare(**known, totals=totals))
 
     def _source(self, how: str, make: Callable[[Flight], Flight]) -> Source:
@@ -270,15 +278,16 @@ def surveyed(source: Source, *, flights: int, skip: bool) -> Answer:
         flight.has_g,
         flight.beginning(_BEGUN // flights),
         flight.u[m - kept :].copy(),
-        flight.totals(0, m),
+        flight.totals(flight.first, m),
         label_sums(flight),
         flight.channels,
         flight.mean_step,
         flight.gaps,
+        flight.u[: flight.first].copy(),
     )
     if not (flight.takes_part and flight.is_plain):
         return survey, None
-    return survey, reduced(Stretch(flight, 0, m, 1.0), min(m, MOST_LAGS))
+    return survey, reduced(Stretch(flight, flight.first, m, 1.0), min(m, MOST_LAGS))
 
 
 # -- all of them --------------------------------------------------------------------------------------------------
@@ -299,7 +308,7 @@ class _Total:
             self.sequences = np.pad(self.sequences, ((0, 0), (0, longer)))
         self.sequences[:, : sequences.shape[1]] += flight.weight * sequences
         self.energy += flight.weight * energy
-        self.stretches.append(Stretch(flight, 0, flight.length, flight.weight))
+        self.stretches.append(Stretch(flight, flight.first, flight.length, flight.weight))
 
 
 @dataclass(eq=False)

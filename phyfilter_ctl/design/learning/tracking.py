@@ -193,6 +193,7 @@ def spectra_of(
 
 def _spectrum(flight: Flight, size: int) -> ComplexArray:
     """Sum over samples and channels of conj(S_i) S_j, line by line (lines, 2, 2)."""
+    flight = flight.counted()
     signals = np.stack([flight.u, flight.target])
     means = signals.mean(axis=1, keepdims=True)
     found = np.zeros((size // 2 + 1, 2, 2), dtype=np.complex128)

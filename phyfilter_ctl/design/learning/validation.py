@@ -13,7 +13,7 @@ from ...results import Result
 from . import levenberg
 from .folds import Folds
 from .residuals import Flight
-from .search import Best, Search
+from .search import Best, OrderSearch
 from .sensitivity import Data
 from .wiener import log_ratio
 
@@ -25,6 +25,8 @@ __all__ = [
     "chosen_order",
     "corrected_error",
     "cross_validated",
+    "is_few",
+    "one_by_one",
     "scores_of",
 ]
 
@@ -94,7 +96,7 @@ class FlightScore(Result):
         return self.left_out_rmse > (1.0 + _DISAGREES) * self.own_rmse
 
 
-def cross_validated(folds: Folds, search: Search, orders: Sequence[int]) -> dict[int, FloatArray]:
+def cross_validated(folds: Folds, search: OrderSearch, orders: Sequence[int]) -> dict[int, FloatArray]:
     """Squared errors (count,) on each fold by order, of the filters learned without it.
 
     Each descent starts from the answer on all data and from the order below without the fold; the better on the other
@@ -116,7 +118,7 @@ def cross_validated(folds: Folds, search: Search, orders: Sequence[int]) -> dict
     return errors
 
 
-def refitted(search: Search, data: Data, n: int, starts: Sequence[FloatArray]) -> Best | None:
+def refitted(search: OrderSearch, data: Data, n: int, starts: Sequence[FloatArray]) -> Best | None:
     """The best of some descents of an order on other data; None where none has a cost."""
     cost, (upper, lower) = search.cost(data), search.box(n)
     ended = []
@@ -134,7 +136,7 @@ def refitted(search: Search, data: Data, n: int, starts: Sequence[FloatArray]) -
     return Best(best.theta, search.coordinates.chain(best.theta), best.found, 0, best.done, False)
 
 
-def scores_of(folds: Folds, search: Search, errors: Mapping[int, FloatArray]) -> tuple[OrderScore, ...]:
+def scores_of(folds: Folds, search: OrderSearch, errors: Mapping[int, FloatArray]) -> tuple[OrderScore, ...]:
     """The table by order."""
     negligible = _EXACT * search.fine.energy / search.fine.weight * folds.weights
     floored = {n: np.maximum(entry, negligible) for n, entry in errors.items()}
@@ -172,14 +174,23 @@ def chosen_order(scores: Sequence[OrderScore], orders: Sequence[int]) -> int:
 
 
 def by_flight(
-    flights: Sequence[Flight], search: Search, best: Best, lags: float, *, offset: bool
+    flights: Sequence[Flight], search: OrderSearch, best: Best, lags: float, *, offset: bool
 ) -> tuple[FlightScore, ...]:
     """The learned filter, the one learned without and the one learned from each flight; empty for one flight, or more
     than 32."""
-    taking = [flight for flight in flights if flight.takes_part]
-    if not 2 <= len(taking) <= _MOST_FLIGHTS:
+    if not is_few(flights):
         return ()
-    folds = Folds.of(taking, search.method, lags, offset=offset, by_flight=True)
+    taking = [flight for flight in flights if flight.takes_part]
+    return one_by_one(Folds.of(taking, search.method, lags, offset=offset, by_flight=True), search, best)
+
+
+def is_few(flights: Sequence[Flight]) -> bool:
+    """Whether there are several flights, and not too many to refit each."""
+    return 2 <= sum(flight.takes_part for flight in flights) <= _MOST_FLIGHTS
+
+
+def one_by_one(folds: Folds, search: OrderSearch, best: Best) -> tuple[FlightScore, ...]:
+    """The scores of flights that are a fold each."""
     n, shared = best.chain.order, search.filter(best)
     found = []
     for fold in range(folds.count):

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...results import Status
 from .result import error_peak, is_identified
-from .search import Best, Search
+from .search import Best, OrderSearch
 from .validation import FlightScore, OrderScore
 
 __all__ = ["ADDS_NOTHING", "by_folds", "disagreement", "message_of", "of_several", "status_of"]
@@ -17,9 +17,9 @@ __all__ = ["ADDS_NOTHING", "by_folds", "disagreement", "message_of", "of_several
 ADDS_NOTHING = 1e-4
 
 
-def status_of(best: Best, used: int, order: int, search: Search) -> Status:
+def status_of(best: Best, used: int, order: int, search: OrderSearch) -> Status:
     """How the search for an order ended of which ``best``, of order ``used``, is returned."""
-    if search.form == "general" and not is_identified(
+    if search.shape.form == "general" and not is_identified(
         search.filter(search.best[max(search.best)]), search.floor
     ):
         return Status.NOT_IDENTIFIED
@@ -31,13 +31,13 @@ def status_of(best: Best, used: int, order: int, search: Search) -> Status:
     return Status.AT_BOUND if at_end else Status.CONVERGED
 
 
-def message_of(status: Status, used: int, order: int, search: Search) -> str:
+def message_of(status: Status, used: int, order: int, search: OrderSearch) -> str:
     """The status in words, and what to try."""
     return {
         Status.CONVERGED: f"order {used}: no start and no lower order does better",
         Status.ORDER_ADDS_NOTHING: (
             f"no low-pass filter above order {used}, up to {order}, lowers the squared error by "
-            f"{100 * ADDS_NOTHING:g} %: the filter of order {used} is returned; try form='general'"
+            f"{100 * ADDS_NOTHING:g} %: the filter of order {used} is returned; try shape='general'"
         ),
         Status.NOT_IDENTIFIED: _not_identified(used, search),
         Status.AT_BOUND: _at_bound(used, search),
@@ -90,12 +90,12 @@ def disagreement(flights: Sequence[FlightScore]) -> tuple[str, ...]:
     )
 
 
-def _at_bound(used: int, search: Search) -> str:
-    if search.structure.is_limited:
+def _at_bound(used: int, search: OrderSearch) -> str:
+    if search.shape.is_limited:
         low, high = search.band
         return (
             f"order {used}: a pole lies at a limit ({low:.3g} to {high:.3g} rad/s, damping ratio "
-            f"{search.structure.least_damping:.2g} at least): widen it, or try a lower order"
+            f"{search.shape.least_damping:.2g} at least): widen it, or try a lower order"
         )
     return (
         f"order {used}: a pole lies at a bound (decay rates from {search.floor:.3g} rad/s, 2 pi over the longest "
@@ -104,11 +104,11 @@ def _at_bound(used: int, search: Search) -> str:
     )
 
 
-def _not_identified(used: int, search: Search) -> str:
+def _not_identified(used: int, search: OrderSearch) -> str:
     order = max(search.best)
     refused = search.filter(search.best[order])
     slowest = float(np.min(np.abs(refused.poles)))
-    if search.structure.dc_gain is None:
+    if search.shape.dc_gain is None:
         what = (
             f"F(0) is not identified: it would be {refused.dc_gain:.3g}, and a constant residual estimated worse than "
             "by f_theta alone"
@@ -119,5 +119,5 @@ def _not_identified(used: int, search: Search) -> str:
     return (
         f"order {order}: {what}; near {slowest:.2g} rad/s the flights hold little but the label's own error (a lost "
         f"mean, a drift, another unit than M x' - g): the filter of order {used} is returned; put the label's mean and "
-        "slow part right, add flights with steady residuals, or take a lower order or form='lowpass', where F(0) = 1"
+        "slow part right, add flights with steady residuals, or take a lower order or shape='lowpass', where F(0) = 1"
     )

@@ -23,6 +23,7 @@ from ..._sections import FloatArray
 from ...results import Result
 from .correlation import Correlations, Stretch
 from .folds import Folds, Group, scored
+from .remnant import response_errors
 from .residuals import each
 
 _LENGTHS = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048)
@@ -98,10 +99,7 @@ def wiener_floor(folds: Folds, ours: FloatArray) -> WienerFloor:
     for group in folds.groups:
         errors, taps = _best_response(folds, group)
         floors += errors
-        parts = [part for fold in group.folds for part in fold]
-        fitted += sum(
-            float(own[0]) for own in each(partial(_errors, responses=[taps], offset=folds.offset), parts)
-        )
+        fitted += sum(float(_fold_errors(folds, group, fold, [taps])[0]) for fold in range(len(group.folds)))
         responses.append(taps)
     ratio, interval = ratio_of(ours, floors)
     total = float(np.sum(folds.weights))
@@ -131,10 +129,20 @@ def _best_response(folds: Folds, group: Group) -> tuple[FloatArray, FloatArray]:
         others = group.without(fold)
         if parts and others:
             responses = [_taps(others, length) for length in lengths]
-            work = partial(_errors, responses=responses, offset=folds.offset)
-            errors[fold] = np.sum([*each(work, parts)], axis=0)
+            errors[fold] = _fold_errors(folds, group, fold, responses)
     best = int(np.argmin(errors.sum(axis=0)))
     return errors[:, best], _taps(group.without(None), lengths[best])
+
+
+def _fold_errors(folds: Folds, group: Group, fold: int, responses: Sequence[FloatArray]) -> FloatArray:
+    """Squared errors of some impulse responses on a fold."""
+    part = group.parts[fold]
+    if part is None:
+        return np.zeros(len(responses))
+    if group.is_kept:
+        return np.array([response_errors(part, taps, folds.offset) for taps in responses])
+    work = partial(_errors, responses=responses, offset=folds.offset)
+    return np.sum([*each(work, group.folds[fold])], axis=0)
 
 
 def _errors(part: Stretch, responses: Sequence[FloatArray], offset: bool) -> FloatArray:

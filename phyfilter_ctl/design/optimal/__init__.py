@@ -1,21 +1,22 @@
-"""Filters from promises: least worst-case error, least variance, trade-offs, and what a log says of the data."""
+"""Filters from promises: least worst-case error, least variance, within limits, and what a log says of the data."""
 
+from functools import partial
+from typing import TYPE_CHECKING
+
+from ..._renamed import former
 from .floor import error_floor
 from .limits import LimitsFront, Trade, limits_front
-from .promises import LeastBound, TradeOff, bound_trade_off, least_bound
-from .statistics import Interval, Peak, ResidualStatistics, residual_statistics
-from .variances import LeastVariance, kalman_filter, kalman_variance, least_variance, variance_trade_off
+from .promises import LeastBound, least_bound
+from .statistics import Peak, ResidualStatistics, residual_statistics
+from .variances import LeastVariance, kalman_filter, kalman_variance, least_variance
 
 __all__ = [
-    "Interval",
     "LeastBound",
     "LeastVariance",
     "LimitsFront",
     "Peak",
     "ResidualStatistics",
     "Trade",
-    "TradeOff",
-    "bound_trade_off",
     "error_floor",
     "kalman_filter",
     "kalman_variance",
@@ -23,5 +24,7 @@ __all__ = [
     "least_variance",
     "limits_front",
     "residual_statistics",
-    "variance_trade_off",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = partial(former, __name__)

@@ -6,28 +6,26 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import get_args
 
-import control as ct
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..._sections import FloatArray
 from ...analysis.bounds import ErrorBound, error_bound
 from ...filter import PhyFilter
-from ...results import Result, Status
+from ...results import Result, SearchResult, Status
 from ...values import Bounded
 from ..learning import Form
 from ..placement import place_poles
 from .floor import error_floor
 from .worst_case import Active, WorstCase
 
-__all__ = ["LeastBound", "TradeOff", "bound_trade_off", "least_bound"]
+__all__ = ["LeastBound", "least_bound"]
 
 # A higher order that is better by less than this is not taken.
 _WORTH_AN_ORDER = 1e-3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LeastBound(Result):
+class LeastBound(Result, SearchResult[PhyFilter]):
     """A filter with the least worst-case error; made by :func:`least_bound`.
 
     Attributes
@@ -55,6 +53,11 @@ class LeastBound(Result):
     active: Active
     status: Status
     message: str
+
+    @property
+    def best(self) -> PhyFilter:
+        """``filter``: what every search calls what it found."""
+        return self.filter
 
     @property
     def ratio(self) -> float:
@@ -146,7 +149,7 @@ def least_bound(
     def bound_of(filter: PhyFilter) -> ErrorBound:
         return error_bound(filter, bounds, inertia=inertia)
 
-    bound_of(place_poles(-np.ones(type), numerator=type))  # refuses bounds that are none
+    bound_of(place_poles(-np.ones(type), type=type))  # refuses bounds that are none
     if noise == 0.0 and fastest is None and accept is None:
         raise ValueError(
             "nothing keeps the filter from being infinitely fast: give the noise, accept (a margin) or fastest"
@@ -192,97 +195,3 @@ def _message(found: LeastBound, order: int, narrow: bool) -> str:
     if alone <= found.bound.bound:
         said.append(f"f_hat = f_theta, no filter, errs by no more than {alone:g}")
     return "; ".join(said)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class TradeOff(Result):
-    """Designs from slow to fast; made by :func:`bound_trade_off` and by ``variance_trade_off``.
-
-    Attributes
-    ----------
-    filters : tuple of PhyFilter
-    following : (m,) array
-        Error from the residual: bound, or standard deviation.
-    noise : (m,) array
-        Error from the noise of x, in the same sense.
-    label : str
-        What the two are.
-    """
-
-    filters: tuple[PhyFilter, ...]
-    following: FloatArray
-    noise: FloatArray
-    label: str
-
-    @property
-    def best(self) -> int:
-        """Index of the design whose sum is least."""
-        return int(np.argmin(self.following + self.noise))
-
-    def plot(self) -> ct.ControlPlot:
-        """Error from the noise against error from the residual.
-
-        Returns
-        -------
-        control.ControlPlot
-        """
-        from ...plots.promises import trade_off_plot
-
-        return trade_off_plot(self.following, self.noise, self.best, self.label)
-
-
-def bound_trade_off(
-    order: int,
-    *,
-    residual: Mapping[int, float],
-    noise: float,
-    form: Form = "lowpass",
-    type: int = 1,
-    inertia: float = 1.0,
-    points: int = 100,
-) -> TradeOff:
-    """Worst-case error from the residual against that from the noise, over best designs.
-
-    Parameters
-    ----------
-    order, residual, noise, form, type, inertia
-        As for :func:`least_bound`, with one derivative bounded.
-    points : int
-        Number of designs.
-
-    Returns
-    -------
-    TradeOff
-        From slow to fast, within a factor of 10 of the best sum on both sides.
-
-    Raises
-    ------
-    ValueError
-        As :func:`least_bound`, and unless one derivative is bounded and the noise positive.
-
-    Notes
-    -----
-    With one bounded derivative all best designs have one shape: the one of the least G^(1/(k+1)) N^(k/(k+1)).
-
-    Examples
-    --------
-    >>> curve = bound_trade_off(2, residual={1: 8.0}, noise=0.01, points=5)
-    >>> bool((np.diff(curve.following) < 0).all() and (np.diff(curve.noise) > 0).all())
-    True
-    """
-    if len(residual) != 1 or not noise > 0.0:
-        raise ValueError(
-            "expected one bounded derivative and a positive noise: else the designs have no common shape"
-        )
-    if points < 2:
-        raise ValueError(f"points: expected 2 or more, got {points}")
-    found = least_bound(order, residual=residual, noise=noise, form=form, type=type, inertia=inertia)
-    ((k, _),) = residual.items()
-    factors = np.geomspace(10.0 ** (-1.0 / k), 10.0, points)
-    filters = tuple(found.filter.faster(factor) for factor in factors)
-    return TradeOff(
-        filters,
-        found.bound.intrinsic * factors ** -float(k),
-        found.bound.noise * factors,
-        f"bound from |gamma^({k})| and |nu|",
-    )

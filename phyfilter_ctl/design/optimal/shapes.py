@@ -33,7 +33,7 @@ def at_speed(shape: FloatArray, order: int, type: int, speed: float) -> PhyFilte
     """The filter of a shape whose poles have the geometric mean ``speed`` (rad/s)."""
     dampings, speeds = sections(shape[None], order)
     poles = speed * _poles(dampings[0], speeds[0])
-    filter = place_poles(poles, numerator=type)
+    filter = place_poles(poles, type=type)
     weights = shape[order - 1 :]
     if not len(weights):
         return filter

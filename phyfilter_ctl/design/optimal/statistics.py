@@ -13,27 +13,14 @@ from scipy.stats import norm
 
 from ..._sections import FloatArray
 from ...recording import Recording
-from ...results import Result
+from ...results import Interval, Result
 from ...values import gauss_markov
 from ..learning.residuals import measured_residuals
 
-__all__ = ["Interval", "Peak", "ResidualStatistics", "residual_statistics"]
+__all__ = ["Peak", "ResidualStatistics", "residual_statistics"]
 
 # Blocks of independent data are this many correlation times long.
 _INDEPENDENT = 4.0
-
-
-class Interval(NamedTuple):
-    """An estimate with the ends of its confidence interval.
-
-    Attributes
-    ----------
-    value, low, high : float
-    """
-
-    value: float
-    low: float
-    high: float
 
 
 class Peak(NamedTuple):

@@ -13,13 +13,12 @@ from scipy.signal import ss2tf
 from ..._sections import FloatArray
 from ...analysis.variance import Variance, discretised, error_variance
 from ...filter import PhyFilter
-from ...results import Result
+from ...results import Result, SearchResult
 from ...values import Gaussian
 from ...values.disturbance import shaping
-from .promises import TradeOff
 from .shapes import at_speed, best_shape, starts
 
-__all__ = ["LeastVariance", "kalman_filter", "kalman_variance", "least_variance", "variance_trade_off"]
+__all__ = ["LeastVariance", "kalman_filter", "kalman_variance", "least_variance"]
 
 # A higher order that is better by less than this is not taken.
 _WORTH_AN_ORDER = 1e-3
@@ -28,7 +27,7 @@ Shape = ct.StateSpace | ct.TransferFunction
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LeastVariance(Result):
+class LeastVariance(Result, SearchResult[PhyFilter]):
     """A filter of least error variance; made by :func:`least_variance`.
 
     Attributes
@@ -43,6 +42,11 @@ class LeastVariance(Result):
     filter: PhyFilter
     variance: Variance
     kalman: float
+
+    @property
+    def best(self) -> PhyFilter:
+        """``filter``: what every search calls what it found."""
+        return self.filter
 
     @property
     def ratio(self) -> float:
@@ -197,47 +201,6 @@ def kalman_variance(*, residual: Shape, noise: float, dt: float | None = None) -
     P = np.asarray(solve_discrete_are(step.T, H.T, covariance, R))
     P = P - P @ H.T @ np.linalg.solve(H @ P @ H.T + R, H @ P)
     return float((C @ P @ C.T).item())
-
-
-def variance_trade_off(
-    order: int, *, residual: Shape, noise: float, dt: float | None = None, type: int = 1, points: int = 100
-) -> TradeOff:
-    """Standard deviation of the error from the residual against that from the noise, from slow to fast.
-
-    Parameters
-    ----------
-    order, residual, noise, dt, type
-        As for :func:`least_variance`.
-    points : int
-        Number of designs, of the best shape, from a tenth to ten times its speed.
-
-    Returns
-    -------
-    TradeOff
-
-    Raises
-    ------
-    ValueError
-        As :func:`least_variance`.
-
-    Examples
-    --------
-    >>> from phyfilter_ctl import gauss_markov
-    >>> curve = variance_trade_off(2, residual=gauss_markov(1.0, 0.5), noise=0.01, points=5)
-    >>> bool((np.diff(curve.noise) > 0).all())
-    True
-    """
-    found = least_variance(order, residual=residual, noise=noise, dt=dt, type=type)
-    filters = tuple(found.filter.faster(factor) for factor in np.geomspace(0.1, 10.0, points))
-    results = [
-        error_variance(f if dt is None else f.sampled(dt), Gaussian(residual, noise=noise)) for f in filters
-    ]
-    return TradeOff(
-        filters,
-        np.sqrt([entry.residual_error for entry in results]),
-        np.sqrt([entry.noise for entry in results]),
-        "standard deviation",
-    )
 
 
 def _motion(residual: Shape) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

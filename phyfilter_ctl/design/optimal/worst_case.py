@@ -41,13 +41,13 @@ class Gains(NamedTuple):
         ||(1 - F) / s^k||_1.
     noise : (m,) array
         ||s F||_1.
-    prior : (m,) array
+    inertia : (m,) array
         ||F||_1.
     """
 
     following: FloatArray
     noise: FloatArray
-    prior: FloatArray
+    inertia: FloatArray
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class WorstCase:
     ----------
     derivative : int
         Order k of the derivative of the residual that is bounded.
-    delta, noise, prior : float
+    delta, noise, inertia : float
         Bounds of gamma^(k), of M_hat nu and of (M - M_hat) x'.
     noise_limit, fastest : float or None
         As for ``least_bound``.
@@ -67,7 +67,7 @@ class WorstCase:
     derivative: int
     delta: float
     noise: float
-    prior: float
+    inertia: float
     noise_limit: float | None
     fastest: float | None
 
@@ -88,7 +88,7 @@ class WorstCase:
     def costs(self, gains: Gains, speeds: FloatArray | float) -> FloatArray:
         """Bounds (m,) at the speeds."""
         following = self.delta * gains.following * np.power(speeds, -float(self.derivative))
-        return following + self.noise * gains.noise * speeds + self.prior * gains.prior
+        return following + self.noise * gains.noise * speeds + self.inertia * gains.inertia
 
     def least(
         self, order: int, type: int, free: int, accept: Callable[[PhyFilter], bool] | None

@@ -270,9 +270,11 @@ class OnlineRefiner(Generic[M]):
         """The filter on the derivatives: channel after channel, p of each."""
         filters = self.filter.filters
         if len(filters) == 1:
-            return replace(self.filter, E=None)
+            return replace(self.filter, sampling=replace(self.filter.sampling, E=None))
         return replace(
-            self.filter, E=None, filters=[entry for entry in filters for _ in range(self.tuned.count)]
+            self.filter,
+            sampling=replace(self.filter.sampling, E=None),
+            filters=[entry for entry in filters for _ in range(self.tuned.count)],
         )
 
     # -- whole flights ------------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Generic, Literal, TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,7 +22,7 @@ from ...filter import SampledPhyFilter
 from ...learned import LearnedModel, Network
 from ...learned.model import expect_model
 from ...recording import Recording
-from ...results import Result, Status
+from ...results import Result, SearchResult, Status
 from . import regression
 from .offline_problem import Problem, Solution
 from .online import OnlineFlight, OnlineRefiner
@@ -55,7 +55,7 @@ class ModelScore(Result):
 
 
 @dataclass(frozen=True, repr=False)
-class RefineResult(Result, Generic[M_co]):
+class RefineResult(Result, SearchResult[M_co]):
     """What refinement gave.
 
     Attributes
@@ -92,6 +92,11 @@ class RefineResult(Result, Generic[M_co]):
     status: Status
     message: str
     flights: tuple[OnlineFlight, ...] = field(default=(), repr=False)
+
+    @property
+    def best(self) -> M_co:
+        """``model``: what every search calls what it found."""
+        return self.model
 
 
 def refine(

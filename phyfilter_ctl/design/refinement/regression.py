@@ -130,7 +130,7 @@ def filtered(sampled: SampledPhyFilter, signal: FloatArray) -> FloatArray:
     """F of the step means of a signal shaped as f_theta (N, n_x), or as regressors (N, n_x, p)."""
     columns = signal if signal.ndim == 3 else signal[..., None]
     result = np.empty(columns.shape)
-    plain = replace(sampled, E=None)
+    plain = replace(sampled, sampling=replace(sampled.sampling, E=None))
     for j in range(columns.shape[2]):
         column = np.ascontiguousarray(columns[..., j])
         result[..., j] = column - plain.run(np.zeros_like(column), f_theta=column)
@@ -150,6 +150,6 @@ def filtered_adjoint(sampled: SampledPhyFilter, cotangent: FloatArray) -> FloatA
 
 def _respond(sampled: SampledPhyFilter, u: FloatArray) -> FloatArray:
     """F of inputs u (m, n_x) held over each of m steps."""
-    held = replace(sampled, sampling=replace(sampled.sampling, f_theta="hold"), E=None)
+    held = replace(sampled, sampling=replace(sampled.sampling, f_theta="hold", E=None))
     drive = np.concatenate([u, np.zeros_like(u[:1])])  # entry k drives step k + 1, with its sign turned
     return (drive - held.run(np.zeros_like(drive), f_theta=drive))[1:]

@@ -1,6 +1,6 @@
 """What the residual is made of: payload, wind, drag, a model's scale, each with its uncertainty, or only their sum."""
 
-from .changes import Changes, detect_changes
+from .changes import Changes
 from .found import PartEstimate, PartialSum, Separation
 from .identifiability import Combination, Identifiability
 from .parts import (
@@ -30,6 +30,5 @@ __all__ = [
     "SensorBias",
     "Separation",
     "SteadyForce",
-    "detect_changes",
     "separate",
 ]

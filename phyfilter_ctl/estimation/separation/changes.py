@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +11,12 @@ from scipy.stats import chi2
 
 from ... import _signals
 from ..._sections import FloatArray
+from ...recording import Recording
 from ...results import Result
 from .kalman import Forward
 from .structure import Working
 
-if TYPE_CHECKING:
-    from .found import Separation
-
-__all__ = ["Changes", "Schedule", "detect_changes", "evidence"]
+__all__ = ["Changes", "Schedule", "changes_of", "evidence"]
 
 _AGES = (1 / 6, 1 / 3, 2 / 3, 1.0)  # of a change when it is tested, in the longest
 _SPACING = 1 / 30  # between changes tested, in the longest age
@@ -45,7 +42,7 @@ class Schedule:
 
     @classmethod
     def of(cls, dt: float, scalars: int, *, false_alarms: float, within: float) -> Schedule:
-        """For a part of so many scalars, sampled every ``dt`` seconds; the rest as for :func:`detect_changes`."""
+        """For a part of so many scalars, sampled every ``dt`` seconds; the rest as for :meth:`Separation.changes`."""
         rate = _signals.number("false_alarms", false_alarms, "1/h", above=0.0)
         span = _signals.duration("within", within)
         ages = sorted({max(1, round(age * span / dt)) for age in _AGES})
@@ -56,7 +53,7 @@ class Schedule:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Changes(Result):
-    """Sudden changes of a part; made by :func:`detect_changes`.
+    """Sudden changes of a part; made by :meth:`Separation.changes`.
 
     Attributes
     ----------
@@ -80,71 +77,12 @@ class Changes(Result):
     threshold: float
 
 
-def detect_changes(
-    separation: Separation, part: str, *, false_alarms: float = 1.0, within: float = 0.3
+def changes_of(
+    log: Recording, working: Working, run: Forward, own: NDArray[np.intp], schedule: Schedule
 ) -> Changes:
-    """Sudden changes of one part, from the innovations of the filter.
-
-    Parameters
-    ----------
-    separation : Separation
-        Made with ``causal=True``.
-    part : str
-        Its name.
-    false_alarms : float
-        How many an hour are accepted at most.
-    within : float
-        Age at which a change is tested last, s. Older ones are for the filter to follow.
-
-    Returns
-    -------
-    Changes
-
-    Raises
-    ------
-    ValueError
-        If there is no such part, the separation is not causal, it is shorter than ``within``, or an option is out of
-        range.
-
-    Notes
-    -----
-    The generalised likelihood ratio of A. S. Willsky and H. L. Jones, "A generalized likelihood ratio approach to the
-    detection and estimation of jumps in linear systems", IEEE Transactions on Automatic Control 21 (1), 1976: a jump at
-    sample k leaves a known signature in the innovations, which are white without it. Tested are jumps every within/30,
-    at four ages. Bonferroni's inequality sets the threshold, so that the rate holds whatever the tests have in common,
-    as long as the innovations are white, of which ``Separation.consistency`` speaks.
-
-    A filter that has seen a change follows it slowly: separate the recording anew from the alarm on. In flight
-    :func:`~phyfilter_ctl.blocks.separation_block` does these tests with ``watch``, and goes on with the change counted.
-
-    Examples
-    --------
-    A load of 0.6 kg that falls off after 2 s:
-
-    >>> from phyfilter_ctl.estimation import ColouredForce, Payload, separate
-    >>> from phyfilter_ctl.recording import Recording
-    >>> rng, t = np.random.default_rng(0), 0.01 * np.arange(301)
-    >>> slope = np.where(t < 2.0, 0.0, 0.6 * 9.81 / 3.0)
-    >>> v = np.cumsum(slope) * 0.01 + 0.01 * rng.standard_normal(t.shape)
-    >>> log = Recording.from_arrays(x=v, g=np.full(301, 0.6 * 9.81), dt=0.01, inertia=3.0)
-    >>> parts = [Payload(1.0, gravity=[9.81]), ColouredForce(0.5, bandwidth=5.0)]
-    >>> found = detect_changes(separate(log, parts, noise=0.03, causal=True), "payload")
-    >>> bool(2.0 < found.alarms[0] < 2.3), bool(found.jumps[0, 0] < -0.3)
-    (True, True)
-    """
-    if part not in separation.parts:
-        raise ValueError(f"part: expected one of {', '.join(separation.parts)}, got {part!r}")
-    if not separation.causal:
-        raise ValueError("separation: expected one of causal=True, whose innovations are those of the flight")
-    log, ends = separation.recording, separation._ends
-    own = np.flatnonzero(ends.structure.part == list(separation.parts).index(part))
-    schedule = Schedule.of(log.dt, len(own), false_alarms=false_alarms, within=within)
+    """Of the scalars ``own``, over a recording longer than the longest age."""
     ages, threshold = schedule.ages, schedule.threshold
-    if log.n <= ages[-1]:
-        raise ValueError(
-            f"within: expected less than the recording of {log.duration:.3g} s, got {within:g} s"
-        )
-    begins, statistic, jumps = evidence(ends.working, ends.run, own, schedule)
+    begins, statistic, jumps = evidence(working, run, own, schedule)
     best, onset, jump = np.zeros(log.n), np.zeros(log.n), np.zeros((log.n, len(own)))
     for age, values, sizes in zip(ages, statistic, jumps, strict=True):
         at = begins + age

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..._sections import FloatArray
 from ...recording import Recording
 from ...results import Result
+from .changes import Changes, Schedule, changes_of
 from .identifiability import Identifiability
 from .kalman import Course, Forward
 from .structure import Samples, Structure, Working
@@ -94,7 +95,7 @@ class Separation(Result):
     notes : tuple of str
         What to look at before trusting the figures.
     _ends : object
-        What :meth:`together` and :func:`detect_changes` reckon with.
+        What :meth:`together` and :meth:`changes` reckon with.
     """
 
     recording: Recording = field(repr=False)
@@ -145,6 +146,68 @@ class Separation(Result):
                     f"names: {name} is known only in a sum with {', '.join(missing)}; name its part too"
                 )
         return PartialSum(*self._ends.force([name in names for name in self.parts]))
+
+    def changes(self, part: str, *, false_alarms: float = 1.0, within: float = 0.3) -> Changes:
+        """Sudden changes of one part, from the innovations of the filter.
+
+        Parameters
+        ----------
+        part : str
+            Its name.
+        false_alarms : float
+            How many an hour are accepted at most.
+        within : float
+            Age at which a change is tested last, s. Older ones are for the filter to follow.
+
+        Returns
+        -------
+        Changes
+
+        Raises
+        ------
+        ValueError
+            If there is no such part, it is not of ``causal=True``, the recording is shorter than ``within``, or an
+            option is out of range.
+
+        Notes
+        -----
+        The generalised likelihood ratio of A. S. Willsky and H. L. Jones, "A generalized likelihood ratio
+        approach to the detection and estimation of jumps in linear systems", IEEE Transactions on Automatic Control 21
+        (1), 1976: a jump at sample k leaves a known signature in the innovations, which are white without it. Tested
+        are jumps every within/30, at four ages. Bonferroni's inequality sets the threshold, so that the rate holds
+        whatever the tests have in common, as long as the innovations are white, of which ``Separation.consistency``
+        speaks.
+
+        A filter that has seen a change follows it slowly: separate the recording anew from the alarm on. In flight
+        :func:`~phyfilter_ctl.blocks.separation_block` does these tests with ``watch``, and goes on with the change
+        counted.
+
+        Examples
+        --------
+        A load of 0.6 kg that falls off after 2 s:
+
+        >>> from phyfilter_ctl.estimation import ColouredForce, Payload, separate
+        >>> from phyfilter_ctl.recording import Recording
+        >>> rng, t = np.random.default_rng(0), 0.01 * np.arange(301)
+        >>> slope = np.where(t < 2.0, 0.0, 0.6 * 9.81 / 3.0)
+        >>> v = np.cumsum(slope) * 0.01 + 0.01 * rng.standard_normal(t.shape)
+        >>> log = Recording.from_arrays(x=v, g=np.full(301, 0.6 * 9.81), dt=0.01, inertia=3.0)
+        >>> parts = [Payload(1.0, gravity=[9.81]), ColouredForce(0.5, bandwidth=5.0)]
+        >>> found = separate(log, parts, noise=0.03, causal=True).changes("payload")
+        >>> bool(2.0 < found.alarms[0] < 2.3), bool(found.jumps[0, 0] < -0.3)
+        (True, True)
+        """
+        if part not in self.parts:
+            raise ValueError(f"part: expected one of {', '.join(self.parts)}, got {part!r}")
+        if not self.causal:
+            raise ValueError("separate(causal=True) is needed: innovations are then those of the flight")
+        log, own = self.recording, np.flatnonzero(self._ends.structure.part == list(self.parts).index(part))
+        schedule = Schedule.of(log.dt, len(own), false_alarms=false_alarms, within=within)
+        if log.n <= schedule.ages[-1]:
+            raise ValueError(
+                f"within: expected less than the recording of {log.duration:.3g} s, got {within:g} s"
+            )
+        return changes_of(log, self._ends.working, self._ends.run, own, schedule)
 
 
 @dataclass(frozen=True, eq=False)

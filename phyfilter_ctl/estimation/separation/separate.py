@@ -15,9 +15,8 @@ from ..._sections import FloatArray
 from ...filter.sampling import Rule
 from ...recording import Recording
 from ...recording.checks import refuse_gaps
-from ..noise import given_noise
+from ..noise import Noise, given_noise
 from ..smoothing import smooth_label
-from ..spectrum import NoiseLevel
 from .found import Ends, PartEstimate, Separation
 from .identifiability import Identifiability, identifiability
 from .kalman import Course, Forward, Later, forward, smoothed, started
@@ -39,7 +38,7 @@ def separate(
     recording: Recording,
     parts: Sequence[Part],
     *,
-    noise: NoiseLevel | ArrayLike | None = None,
+    noise: Noise | ArrayLike | None = None,
     causal: bool = False,
     fraction: float | Mapping[str, float] = 0.5,
     g: Rule = "hold",
@@ -53,7 +52,7 @@ def separate(
     recording: Sequence[Recording],
     parts: Sequence[Part] | Sequence[Sequence[Part]],
     *,
-    noise: NoiseLevel | ArrayLike | None = None,
+    noise: Noise | ArrayLike | None = None,
     causal: bool = False,
     fraction: float | Mapping[str, float] = 0.5,
     g: Rule = "hold",
@@ -66,7 +65,7 @@ def separate(
     recording: Recording | Sequence[Recording],
     parts: Sequence[Part] | Sequence[Sequence[Part]],
     *,
-    noise: NoiseLevel | ArrayLike | None = None,
+    noise: Noise | ArrayLike | None = None,
     causal: bool = False,
     fraction: float | Mapping[str, float] = 0.5,
     g: Rule = "hold",
@@ -82,7 +81,7 @@ def separate(
     parts : sequence of Payload, AddedInertia, Regressor, ModelScale, SteadyForce, ColouredForce, SensorBias
         What the residual may be made of, with prior deviations: how large each may be. For several recordings also one
         such sequence each, which differ in the ``values`` of regressors alone.
-    noise : NoiseLevel, float or (n_x,) array, optional
+    noise : Noise, float or (n_x,) array, optional
         Deviation of the white noise of M x, as for :func:`estimate`; None takes that of :func:`smooth_label`.
     causal : bool
         Whether each sample's estimate is from the samples up to it, as it would have been in flight; False uses all.
@@ -298,7 +297,7 @@ def _separation(
     )
 
 
-def _noise(log: Recording, noise: NoiseLevel | ArrayLike | None, g: Rule) -> FloatArray:
+def _noise(log: Recording, noise: Noise | ArrayLike | None, g: Rule) -> FloatArray:
     level = smooth_label(log, g=g).noise if noise is None else None
     found = given_noise(noise if level is None else level, [log])
     assert found is not None

@@ -61,7 +61,7 @@ class OnnxNetwork:
 
     Examples
     --------
-    >>> from phyfilter_ctl.learned import OnnxGraph, OnnxNode
+    >>> from phyfilter_ctl.learned.onnx import OnnxGraph, OnnxNode
     >>> nodes = OnnxNode("Gemm", ("z", "W", "b"), ("v",)), OnnxNode("Relu", ("v",), ("f",))
     >>> network = OnnxNetwork(OnnxGraph(nodes, {"W": np.eye(2), "b": np.array([0.0, 0.5])}, (None, 2)))
     >>> network.predict([[3.0, -1.0]]).tolist()

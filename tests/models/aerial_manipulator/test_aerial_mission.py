@@ -155,7 +155,7 @@ def test_force_and_torque_are_what_is_missing(approach: dict[str, np.ndarray]) -
     The means are Milne's rule, which needs the inner instants only: joint commands jump at the samples, and with them
     the force of the arm.
     """
-    dt, mass, J = params.params().sampling.dt, vehicle.nominal_mass(), vehicle.nominal_inertia()
+    dt, mass, J = params.params().sampling.dt, vehicle.nominal().mass, np.array(vehicle.nominal().J)
     A = allocation_matrix(params.params().vehicle.rotor_arm, params.params().vehicle.torque_ratio)
     wrench = _rotors(approach["thrust"][::PARTS]) @ A.T
     drag, gravity = np.array(params.params().vehicle.drag), np.array([0.0, 0.0, 9.81])
@@ -175,7 +175,8 @@ def test_force_and_torque_are_what_is_missing(approach: dict[str, np.ndarray]) -
 
 def _rotors(commands: np.ndarray) -> np.ndarray:
     """Thrusts of the rotors behind delay and lag at all parts of the samples, exact for held commands."""
-    steps, dt, lag = vehicle.steps_of_delay(), params.params().sampling.dt, params.params().vehicle.motor_lag
+    dt, lag = params.params().sampling.dt, params.params().vehicle.motor_lag
+    steps = vehicle.nominal().delay_steps(dt)
     level, most = vehicle.level_thrusts(), params.params().vehicle.rotor_max
     delayed = np.vstack([np.tile(level, (steps, 1)), commands])[: len(commands)]
     rotor, kept = [level], np.exp(-dt / PARTS / lag)

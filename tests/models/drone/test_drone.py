@@ -1,4 +1,4 @@
-"""The drone study: reference, draws, diagram, scores, tuning, and the command line."""
+"""The drone study: draws, diagram, scores, tuning, and the command line."""
 
 from __future__ import annotations
 
@@ -28,13 +28,10 @@ experiment = importlib.import_module(f"{ROOM}.experiment")
 flights = importlib.import_module(f"{ROOM}.flights")
 methods = importlib.import_module(f"{ROOM}.methods")
 params = importlib.import_module(f"{ROOM}.params")
-reference = importlib.import_module(f"{ROOM}.reference")
 report = importlib.import_module(f"{ROOM}.report")
 training = importlib.import_module(f"{ROOM}.training")
 tuning = importlib.import_module(f"{ROOM}.tuning")
 
-# Central differences over 1 ms of a circle at 1.3 rad/s with a smooth start.
-DIFFERENCE = 1e-4
 # m: Runge-Kutta at 2 ms against 0.5 ms over ten seconds.
 STEP = 1e-6
 # N: constant force after ten time constants, without noise.
@@ -66,23 +63,6 @@ def outputs(
 @pytest.fixture(scope="module")
 def still_air() -> dict[str, np.ndarray]:
     return outputs(OBSERVER, 8.0, {"vehicle.quadrotor.added_mass": 0.4})
-
-
-def test_reference_is_its_own_derivative() -> None:
-    """r, v, a and j of the circle, each by differences of the one before; also over the smooth start."""
-    block, h = reference.circle(), 1e-3
-    times = np.linspace(0.05, 6.0, 60)
-    at = {shift: np.array([block._out(t + shift, [], []) for t in times]) for shift in (-h, 0.0, h)}
-    for k in range(3):
-        slope = (at[h] - at[-h])[:, 3 * k : 3 * k + 3] / (2.0 * h)
-        np.testing.assert_allclose(at[0.0][:, 3 * k + 3 : 3 * k + 6], slope, atol=DIFFERENCE)
-
-
-def test_starts_at_rest_and_comes_to_its_speed() -> None:
-    block = reference.circle()
-    first, later = (np.split(block._out(t, [], []), 4) for t in (0.0, 10.0))
-    np.testing.assert_allclose(first[1:], 0.0, atol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(later[1]), params.params().mission.speed, rtol=1e-12)
 
 
 @given(seed=st.integers(0, 10_000))
@@ -234,7 +214,7 @@ def test_payload_in_the_model_leaves_the_wind() -> None:
 
 def test_events_happen_when_they_are_said_to() -> None:
     """Before, the vehicle as it is; after, one without the payload, or whose first motor gets less."""
-    plain, eventful = diagram.quadrotor_plant(), events.with_events(diagram.quadrotor_plant())
+    plain, eventful = diagram.multirotor().plant(), events.with_events(diagram.multirotor().plant())
     rng = np.random.default_rng(0)
     state = plain.start_state + 0.1 * rng.standard_normal(len(plain.start_state))
     u = np.concatenate([rng.uniform(4.0, 8.0, 4), rng.standard_normal(3)])

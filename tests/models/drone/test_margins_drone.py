@@ -86,5 +86,5 @@ def test_held_force_is_the_commanded_one():
     assert isinstance(loop, ct.InterconnectedSystem)
     estimator = loop.syslist[loop.syslist_index["estimator"]]
     assert isinstance(estimator, ct.InterconnectedSystem)
-    assert [part.name for part in estimator.syslist] == ["momentum", "prior", "filter", "no_model"]
+    assert [part.name for part in estimator.syslist] == ["momentum", "prior", "filter"]
     assert estimator.syslist[1].nstates == 0  # neither lag nor delay
