@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import control as ct
 import numpy as np
@@ -31,7 +33,7 @@ _DEFAULT_POLE = -20.0  # rad/s, twice
 
 
 def build(
-    differentiator: Windowed | None = None, filter: SampledPhyFilter | None = None
+    differentiator: Windowed[Any] | None = None, filter: SampledPhyFilter | None = None
 ) -> ct.InputOutputSystem:
     """The learned differentiator and the PhyFilter that repairs it, as one discrete python-control system.
 
@@ -94,7 +96,7 @@ def build(
     )
 
 
-def differentiator_block(differentiator: Windowed, dt: float) -> FunctionBlock:
+def differentiator_block(differentiator: Windowed[Any], dt: float) -> FunctionBlock:
     """A learned differentiator as a discrete block; its states are the past velocities, the newest first.
 
     Parameters

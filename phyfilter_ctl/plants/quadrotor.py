@@ -236,6 +236,7 @@ def _check_positive(name: str, value: float, unit: str) -> None:
 
 
 def check_carries(mass: float, added_mass: float, gravity: float, rotor_max: float) -> None:
+    """Refuse masses (kg) that four rotors of at most ``rotor_max`` (N) cannot carry: a ``ValueError``."""
     if not (np.isfinite(gravity) and gravity >= 0.0):
         raise ValueError(f"gravity: expected 0 m/s^2 or more, acting against z, got {gravity}")
     if not (np.isfinite(added_mass) and mass + added_mass > 0.0):
