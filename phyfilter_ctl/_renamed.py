@@ -636,10 +636,9 @@ def attached(package: str, file: str) -> tuple[Callable[[str], object], Callable
         except AttributeError:
             if name in names:
                 raise
-            if not name.startswith("_") and Path(file).with_name(name).is_dir():
-                return importlib.import_module(
-                    f"{package}.{name}"
-                )  # phyfilter_ctl.fmi without an import of its own
+            # phyfilter_ctl.fmi without an import of its own
+            if name.isidentifier() and not name.startswith("_") and Path(file).with_name(name).is_dir():
+                return importlib.import_module(f"{package}.{name}")
             return former(package, name, level=3)
 
     return find, directory, names

@@ -202,6 +202,12 @@ def test_what_never_was_is_no_attribute():
         _ = pf.never
 
 
+@pytest.mark.parametrize("name", ["1/k", "fmi/shell", "", ".", "no such"])
+def test_what_can_be_no_name_is_no_attribute(name):
+    assert not hasattr(pf, name)
+    assert not hasattr(pf.design, name)
+
+
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_signals_beside_a_filter(tmp_path):
     """What 0.2 wrote of them, into files, C and FMUs."""
