@@ -295,7 +295,7 @@ def _trade_off() -> Any:
         "rmse": cost("rmse"),
         "margins": property(lambda self: self.values),
         "filters": property(lambda self: self.results),
-        "best": property(lambda self: self._best()),
+        "best": property(lambda self: self.best_index),
     }
     return type("TradeOff", (_now().TradeOff,), fields_of_0_2)
 

@@ -141,7 +141,7 @@ def figures(found: Turning) -> dict[str, object]:
         case: {name: 100.0 * found.scores.interval(case, name, "mean").value for name in METHODS}
         for case in cases
     }
-    gains = {case: {over: vars(found.reduction(case, over)) for over in _OVER} for case in cases}
+    gains = {case: {over: found.reduction(case, over) for over in _OVER} for case in cases}
     return {
         "seeds": list(found.seeds),
         "mean_error_cm": plain(medians, infinite=True),

@@ -20,7 +20,7 @@ from .planner import (
     PlannerWeights,
     follow,
 )
-from .tracking import attitude_controller
+from .tracking import Vehicle, attitude_controller
 
 __all__ = [
     "AttitudeGains",
@@ -33,6 +33,7 @@ __all__ = [
     "PlannedPath",
     "PlannerLimits",
     "PlannerWeights",
+    "Vehicle",
     "arm_controller",
     "attitude_controller",
     "follow",

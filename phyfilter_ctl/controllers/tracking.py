@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,14 +22,55 @@ from ._equations import (
 from .allocation import allocate
 from .attitude import AttitudeGains, attitude_error
 
-if TYPE_CHECKING:
-    from .multirotor import Multirotor
-
-__all__ = ["attitude_controller", "position_controller"]
+__all__ = ["Vehicle", "attitude_controller", "position_controller"]
 
 # N: far below any thrust, yet its square divides without overflow where the law is linearised.
 _TINY = 1e-9
 _AXES = "horizontal and vertical"
+
+
+class Vehicle(Protocol):
+    """What of a multirotor its attitude loop needs; see :class:`Multirotor`."""
+
+    @property
+    def mass(self) -> float:
+        """kg."""
+        ...
+
+    @property
+    def J(self) -> ArrayLike:
+        """(3,) in kg m^2."""
+        ...
+
+    @property
+    def arm(self) -> float:
+        """m."""
+        ...
+
+    @property
+    def torque_ratio(self) -> float:
+        """m."""
+        ...
+
+    @property
+    def motor_lag(self) -> float:
+        """s."""
+        ...
+
+    @property
+    def rotor_max(self) -> float:
+        """N."""
+        ...
+
+    @property
+    def gravity(self) -> float:
+        """m/s^2."""
+        ...
+
+    @property
+    def delay(self) -> float:
+        """s."""
+        ...
 
 
 def position_controller(
@@ -153,7 +194,7 @@ def position_controller(
 
 @takes_rotors
 def attitude_controller(
-    vehicle: Multirotor,
+    vehicle: Vehicle,
     gains: AttitudeGains,
     *,
     dt: float,

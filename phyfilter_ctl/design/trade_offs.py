@@ -49,10 +49,12 @@ class TradeOff(Result):
     @property
     def best(self) -> Any:
         """The result whose sum of costs is least; None where no sum is finite."""
-        index = self._best()
+        index = self.best_index
         return None if index is None else self.results[index]
 
-    def _best(self) -> int | None:
+    @property
+    def best_index(self) -> int | None:
+        """Where the best one stands among the results; None where there is none."""
         total = np.sum(list(self.costs.values()), axis=0)
         return int(np.nanargmin(total)) if np.isfinite(total).any() else None
 
@@ -85,7 +87,7 @@ class TradeOff(Result):
             )
             return trade_off_plot(self.values, cost, None, "", names=names, log=False, ax=ax)
         (across, up), names = self.costs.values(), [_ERROR.format(name) for name in self.costs]
-        return trade_off_plot(across, up, self._best(), self.label, names=(names[0], names[1]), ax=ax)
+        return trade_off_plot(across, up, self.best_index, self.label, names=(names[0], names[1]), ax=ax)
 
 
 def trade_off(

@@ -13,24 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._sections import FloatArray
-from . import _arrays, _files, _foreign
-from .chebyshev import Chebyshev
+from . import _arrays, _foreign
 from .function_model import FunctionModel
-from .koopman import Koopman
 from .model import LearnedModel
-from .network import Network
-from .neural_ode import NeuralOde
 from .onnx import OnnxNetwork
+from .saved import KINDS, saved_model
 from .windowed import Windowed
 
-_SAVED: dict[str, type[LearnedModel]] = {
-    "chebyshev": Chebyshev,
-    "koopman": Koopman,
-    "network": Network,
-    "neural_ode": NeuralOde,
-    "onnx": OnnxNetwork,
-    "windowed": Windowed,
-}
 # Next to the greatest value: single precision on its way through many layers, far below another formula.
 _SAME = 1e-4
 _PROBED_ROWS = 8
@@ -126,12 +115,7 @@ def _from_file(path: str) -> LearnedModel:
     if suffix == ".onnx":
         return OnnxNetwork.read(path)
     if suffix == ".npz":
-        kind = _files.kind_of(path)
-        if kind not in _SAVED:
-            raise ValueError(
-                f"{path}: expected a kind of learned model out of {sorted(_SAVED)}, got {kind!r}"
-            )
-        return _SAVED[kind].load(path)
+        return saved_model(path, {**KINDS, "windowed": Windowed})
     raise ValueError(
         f"{path}: expected a file .onnx, or .npz as save() writes, got {suffix or 'no suffix'!r}"
     )

@@ -19,6 +19,7 @@ from .._sections import FloatArray
 from . import _arrays, _files
 from ._window import window
 from .model import FitResult, LearnedModel, expect_model
+from .saved import saved_model
 
 M = TypeVar("M", bound=LearnedModel)
 
@@ -174,8 +175,6 @@ class Windowed(Generic[M]):
         ValueError
             If the file is damaged, of another kind of model or of an unknown version.
         """
-        from .bring import learned_model
-
         arrays = _files.read(path, "windowed")
         _arrays.expect_entries(path, arrays, ("length", "stride", "steps", "model"))
         if arrays["model"].dtype != np.uint8 or any(
@@ -186,6 +185,6 @@ class Windowed(Generic[M]):
             )
         with tempfile.TemporaryDirectory() as folder:
             (inner := Path(folder) / "model.npz").write_bytes(arrays["model"].tobytes())
-            model = learned_model(inner)
+            model = saved_model(inner)
         whole = (int(arrays[name]) for name in ("length", "stride"))
         return cls(model, *whole, steps=bool(arrays["steps"]))  # type: ignore[arg-type]  # of the kind in the file

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 from .._renamed import former
 from .estimate_comparison import EstimateComparison
-from .findings import Check, Finding
-from .recording import Recording
+from .findings import Finding
+from .recording import Check, Recording
 from .splits import split
 
 __all__ = ["Check", "EstimateComparison", "Finding", "Recording", "split"]

@@ -6,9 +6,9 @@ M dx/W = mean g + mean f. Over longer windows noise counts for less; the least m
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +20,7 @@ from .agreement import label_factor_fault, lag_sums, late_g, late_text, window_s
 from .checks import is_jump
 from .parts import Parts
 
-if TYPE_CHECKING:
-    from .recording import Recording
-
-__all__ = ["Check", "Finding", "Suspicion", "Windows", "findings_of"]
+__all__ = ["Finding", "Suspicion", "Windows", "findings_of"]
 
 _SHORTEST, _LONGEST = 10e-6, 1.0  # of steps that nobody asks about, s
 _WINDOWS = (0.1, 0.3, 1.0)  # s
@@ -89,39 +86,6 @@ class Finding(Result):
 def finding(suspicion: Suspicion, said: str) -> Finding:
     """With what to do about it."""
     return Finding(suspicion, f"{said}: {REMEDIES[suspicion]}")
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Check(Result):
-    """What is not plausible about a recording; made by :meth:`Recording.check` and :meth:`Robot.check
-    <phyfilter_ctl.Robot.check>`. Iterating gives the findings.
-
-    Attributes
-    ----------
-    recording : Recording
-    findings : tuple of Finding
-        Empty where nothing is suspicious.
-    misfits : dict of str to float
-        Of a robot's log: rms of M x' - g - f_theta over windows by convention of the frames, the declared one first,
-        then from the best on.
-    """
-
-    _figures = ("ok", "findings", "misfits")
-
-    recording: Recording
-    findings: tuple[Finding, ...]
-    misfits: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def ok(self) -> bool:
-        """Whether nothing is suspicious."""
-        return not self.findings
-
-    def __iter__(self) -> Iterator[Finding]:
-        return iter(self.findings)
-
-    def __str__(self) -> str:
-        return "\n".join(map(str, self.findings)) or "nothing is suspicious"
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from types import EllipsisType
 
 import control as ct
@@ -16,15 +16,16 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 from .._choices import TimeUnit
+from ..results import Result
 from . import checks
 from .columns import VELOCITIES
 from .description import description
 from .estimate_comparison import EstimateComparison
-from .findings import Check, findings_of
+from .findings import Finding, findings_of
 from .parts import Parts
 from .stored import Stored
 
-__all__ = ["Recording"]
+__all__ = ["Check", "Recording"]
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
@@ -330,3 +331,36 @@ class Recording(Parts, Stored):
     def _unit_of_f(self) -> str:
         """As far as it is known."""
         return "m/s^2" if self.unit == "m/s" and self.inertia is None else ""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Check(Result):
+    """What is not plausible about a recording; made by :meth:`Recording.check` and :meth:`Robot.check
+    <phyfilter_ctl.Robot.check>`. Iterating gives the findings.
+
+    Attributes
+    ----------
+    recording : Recording
+    findings : tuple of Finding
+        Empty where nothing is suspicious.
+    misfits : dict of str to float
+        Of a robot's log: rms of M x' - g - f_theta over windows by convention of the frames, the declared one first,
+        then from the best on.
+    """
+
+    _figures = ("ok", "findings", "misfits")
+
+    recording: Recording
+    findings: tuple[Finding, ...]
+    misfits: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing is suspicious."""
+        return not self.findings
+
+    def __iter__(self) -> Iterator[Finding]:
+        return iter(self.findings)
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.findings)) or "nothing is suspicious"

@@ -39,8 +39,8 @@ def figures(result):
     ("count", "shape", "label"),
     [
         (1, "lowpass", "offset"),
-        (3, "general", "given"),
-        (6, "lowpass", "given"),
+        pytest.param(3, "general", "given", marks=pytest.mark.slow),
+        pytest.param(6, "lowpass", "given", marks=pytest.mark.slow),
         (6, Shape("general", dc_gain=None), "offset"),
     ],
 )
@@ -83,6 +83,7 @@ def test_a_small_flight_is_kept_as_it_is():
     assert now < 1.1 * 2 * 2 * 8 * 20_000 + MB
 
 
+@pytest.mark.slow
 def test_a_result_of_many_files_is_as_small_as_one_of_few():
     """Files are read one by one; of all of them together no more is kept than of some."""
 

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 import phyfilter_ctl as pf
 from phyfilter_ctl.codegen import CompilerError
 from phyfilter_ctl.codegen.compiler import compile_sources
+from phyfilter_ctl.fmi import FmuPorts
 from phyfilter_ctl.fmi.channels import with_channels
 from phyfilter_ctl.fmi.description import FmuExperiment, FmuSolver, fmu_interface
 from phyfilter_ctl.fmi.export import _c_model
@@ -46,9 +47,12 @@ def fuzzer(name, fmi):
     system, options = SYSTEMS[{"clocks": "loop", "channels": "continuous"}.get(name, name)]()
     if isinstance(system, ct.InputOutputSystem) and not isinstance(system, pf.PhyFilter):
         system = pf.flatten(system)
-    model, _ = _c_model(
-        system, "fuzzed", options.get("channels"), None, options.get("rate", "communication"), (), None
+    channels = (
+        system.sampling.n_x
+        if isinstance(system, pf.SampledPhyFilter)
+        else options.get("ports", FmuPorts()).channels
     )
+    model, _ = _c_model(system, "fuzzed", channels, None, options.get("rate", "communication"), (), None)
     # Long steps are legal; few pieces keep them short.
     interface = fmu_interface(
         model, fmi=fmi, experiment=FmuExperiment(solver=FmuSolver("rk4", 0.005)), clocks=name == "clocks"

@@ -69,7 +69,7 @@ def test_diagram_is_repeated_by_every_export(
 
 @pytest.mark.parametrize("rule", release_but({"hold"}, ["average", "hold"]))
 def test_filter_is_repeated_by_every_export_and_importer(rule: str, tmp_path: Path) -> None:
-    sampled = PhyFilter.from_poles([-20.0, -30.0]).sampled(DT, g=rule)
+    sampled = PhyFilter.from_poles([-20.0, -30.0]).sampled(DT, g=rule, channels=2)
     rng = np.random.default_rng(0)
     x, g, f_theta = np.cumsum(rng.normal(0.0, 0.01, (STEPS, 2)), axis=0), *rng.normal(0.0, 1.0, (2, STEPS, 2))
     f_hat = sampled.run(x, g, f_theta)
@@ -77,14 +77,12 @@ def test_filter_is_repeated_by_every_export_and_importer(rule: str, tmp_path: Pa
     inputs = {f"{n}[{i}]": v[:, i] for n, v in zip(names, (x, g, f_theta), strict=True) for i in range(2)}
     record = Reference(DT * np.arange(STEPS), inputs, {f"f_hat[{i}]": f_hat[:, i] for i in range(2)})
     for importer in ("own", "fmpy"):
-        found = hand_over(sampled, tmp_path / importer, record, name="wing", channels=2, importer=importer)
+        found = hand_over(sampled, tmp_path / importer, record, name="wing", importer=importer)
         assert set(found.exports) == set(EVERY)
         assert found.worst is not None
         assert found.worst < 1e-9 * np.abs(f_hat).max(), found.differences
     late = {label: np.roll(values, 1) for label, values in record.outputs.items()}
-    wrong = hand_over(
-        sampled, tmp_path / "late", replace(record, outputs=late), name="wing", channels=2, formats=["C"]
-    )
+    wrong = hand_over(sampled, tmp_path / "late", replace(record, outputs=late), name="wing", formats=["C"])
     expected = max(np.abs(late[label] - values).max() for label, values in record.outputs.items())
     assert wrong.worst == pytest.approx(expected, rel=1e-9)
 

@@ -34,7 +34,7 @@ def rows_of(model: str) -> list[tuple[str, ...]]:
     return ROW.findall((ROOT / model / "README.md").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", ["drone", pytest.param("aerial_manipulator", marks=pytest.mark.slow)])
 def test_what_a_file_prints_lies_within_the_study(model: str, tmp_path: Path) -> None:
     rows = rows_of(model)
     with contextlib.chdir(tmp_path), contextlib.redirect_stdout(io.StringIO()) as said:

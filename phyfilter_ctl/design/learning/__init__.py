@@ -20,8 +20,8 @@ from .axes import AxesResult, AxesScore
 from .constraints import LoopGoal, LoopPrice, MarginsLike
 from .intervals import Intervals
 from .learn_filter import learn
-from .options import Reading, Search
-from .result import LearnEvent, LearnResult
+from .options import LearnEvent, Reading, Search
+from .result import LearnResult
 from .sensitivity import Form
 from .shape import Shape
 from .validation import FlightScore, OrderScore

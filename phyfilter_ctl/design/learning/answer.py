@@ -15,8 +15,9 @@ from . import verdict
 from .correlation import memory
 from .evidence import Evidence, Known, Where, validated
 from .folds import Folds
+from .options import LearnEvent
 from .residuals import Flight, each
-from .result import LearnEvent, LearnResult, is_identified
+from .result import LearnResult, is_identified
 from .samples import response
 from .search import OrderSearch
 from .validation import FlightScore, OrderScore, by_flight, chosen_order

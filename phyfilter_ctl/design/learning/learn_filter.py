@@ -35,10 +35,10 @@ from .evidence import Where
 from .in_loop import keep_limits
 from .label_check import label_faults, label_sums
 from .levenberg import Descent
-from .options import Read, Reading, Search, begun_from, reading_of
+from .options import LearnEvent, Read, Reading, Search, begun_from, reading_of
 from .reading import Reader, Recordings
 from .residuals import Flight, gap_notes, other_channels, refuse_uninformative
-from .result import LearnEvent, LearnResult
+from .result import LearnResult
 from .search import OrderSearch
 from .sensitivity import Data
 from .shape import Form, Shape, refuse_order, shape_of

@@ -16,11 +16,31 @@ from ...recording import Recording
 if TYPE_CHECKING:
     from distributed import Client
 
-    from .result import LearnEvent
-
-__all__ = ["OnBad", "Reading", "Search", "begun_from", "reading_of"]
+__all__ = ["LearnEvent", "OnBad", "Reading", "Search", "begun_from", "reading_of"]
 
 OnBad = Literal["raise", "skip"]
+
+
+@dataclass(frozen=True)
+class LearnEvent:
+    """One step that lowered the cost.
+
+    Attributes
+    ----------
+    order : int
+        Order being learned.
+    start : int
+        Number of the start within the order; the lower ones are warm starts from the order before.
+    iteration : int
+        Steps from this start so far.
+    cost : float
+        Weighted mean square of gamma* - F u.
+    """
+
+    order: int
+    start: int
+    iteration: int
+    cost: float
 
 
 @dataclass(frozen=True)

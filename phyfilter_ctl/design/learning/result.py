@@ -15,6 +15,7 @@ from ...filter.sampling import Method
 from ...results import Result, SearchResult, Status
 from .constraints import LoopPrice
 from .intervals import Intervals
+from .options import LearnEvent
 from .validation import FlightScore, OrderScore
 from .wiener import WienerFloor
 
@@ -43,28 +44,6 @@ def is_identified(filter: PhyFilter, slowest: float) -> bool:
     """Whether F is one that data can have shown: a constant residual is left no worse than by f_theta alone, and one of
     a few periods a flight not much worse."""
     return abs(1.0 - filter.dc_gain) <= _MOST_LEFT and error_peak(filter, slowest)[0] <= _PEAK
-
-
-@dataclass(frozen=True)
-class LearnEvent:
-    """One step that lowered the cost.
-
-    Attributes
-    ----------
-    order : int
-        Order being learned.
-    start : int
-        Number of the start within the order; the lower ones are warm starts from the order before.
-    iteration : int
-        Steps from this start so far.
-    cost : float
-        Weighted mean square of gamma* - F u.
-    """
-
-    order: int
-    start: int
-    iteration: int
-    cost: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
