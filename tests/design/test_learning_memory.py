@@ -38,7 +38,7 @@ def figures(result):
 @pytest.mark.parametrize(
     ("count", "shape", "label"),
     [
-        (1, "lowpass", "offset"),
+        pytest.param(1, "lowpass", "offset", marks=pytest.mark.slow),
         pytest.param(3, "general", "given", marks=pytest.mark.slow),
         pytest.param(6, "lowpass", "given", marks=pytest.mark.slow),
         (6, Shape("general", dc_gain=None), "offset"),
@@ -68,6 +68,7 @@ def held(make):
     return now, most
 
 
+@pytest.mark.slow
 def test_a_result_does_not_keep_the_flights():
     learn(flight(0), 1, search=FEW)  # modules, tables
     n, count = 30_000, 40

@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+import pytest
+
 PAGE = (Path(__file__).resolve().parents[2] / "models" / "acceleration" / "README.md").read_text(
     encoding="utf-8"
 )
@@ -16,6 +18,7 @@ def interval(before, after=""):
     return tuple(float(each) for each in found)
 
 
+@pytest.mark.slow
 def test_its_figures_lie_within_the_studys_intervals(example):
     names, said = example("acceleration")
     rmse = names["rmse"]
